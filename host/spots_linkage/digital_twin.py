@@ -318,28 +318,13 @@ def readings(
     seconds: float | None = None,
     restarted: Callable[[Board], None] = lambda board: None,
 ) -> Iterator[tuple[int, Touch]]:
-    """Start the streams of both joints' boards, and yield the readings.
+    """Start the streams of both joints' boards, and yield the joint's index with each reading.
 
-    Parameters
-    ----------
-    boards : list of Board
-        Board of joint 1 and board of joint 2; the same object twice if one board has both strips.
-    sensors : sequence of int
-        Number of each joint's strip on its board.
-    seconds : float, optional
-        Time after which to end, in seconds by the clock of `Board.now_s`. If not given, boards are
-        read without a limit, and recordings until all of them have ended.
-    restarted : callable, optional
-        Called with a board that has restarted and streams again. Such a board has lost all settings
-        and calibrations that were not saved. If the function raises SpotsError, the call is
-        repeated for up to 10 s.
-
-    Yields
-    ------
-    joint : int
-        0 for joint 1, 1 for joint 2.
-    touch : Touch
-        The reading.
+    One board is in `boards` twice if it has both strips. `seconds` is by `Board.now_s`; without it,
+    boards are read without a limit, and recordings until all of them have ended. `restarted` is
+    called with a board that has restarted and streams again: it has lost all settings and
+    calibrations that were not saved. If the function raises SpotsError, the call is repeated for up
+    to 10 s.
     """
     joints = list(zip(boards, sensors))
     boards = [board for i, board in enumerate(boards) if board not in boards[:i]]

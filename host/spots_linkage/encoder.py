@@ -173,13 +173,6 @@ class Encoder:
         """Update the direction of movement if the indenter has moved by more than the noise.
 
         A large movement is detected in one reading, a small one in means of up to 4 readings.
-
-        Parameters
-        ----------
-        indenter_deg : float
-            Angle of the indenter in degrees.
-        noise_deg : float
-            Standard deviation of this angle in degrees.
         """
         self._still_for += 1
         last_deg = self._since[-1] if self._since else indenter_deg

@@ -344,32 +344,13 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
     """Return the position of the end point for two joint angles; do not check that it exists.
 
     The outer bars are the radii of two circles around the elbows. The end point is one of the two
-    intersections of these circles.
+    intersections of these circles. `side` is 1 for the assembly ``far``, -1 for ``near``; bars and
+    angles are those of `Linkage`. A value of `least` above 0 replaces a lower `off2`, which keeps a
+    fit smooth at angles where the outer bars cannot meet.
 
-    Parameters
-    ----------
-    bar_mm : sequence of float, length 4
-        Lengths of inner bar 1, outer bar 1, outer bar 2 and inner bar 2, in mm.
-    base_mm : float
-        Distance of the two base joints, in mm.
-    side : int
-        Assembly: 1 for ``far``, -1 for ``near``, see `Linkage`.
-    theta1, theta2 : array_like
-        Angles of joint 1 and joint 2, in rad from +y towards the other joint; the shapes must
-        broadcast.
-    least : float
-        If `off2` is lower than this value, the position is computed with this value instead. A
-        value above 0 keeps a fit smooth at angles where the outer bars cannot meet.
-
-    Returns
-    -------
-    x, y : numpy.ndarray
-        Position of the end point, in mm.
-    apart2 : numpy.ndarray
-        Squared distance of the elbows, in mm**2.
-    off2 : numpy.ndarray
-        Squared distance of the end point from the line through the elbows, divided by `apart2`;
-        negative where the outer bars cannot meet.
+    Returned are x and y in mm, the squared distance `apart2` of the elbows, and `off2`: the squared
+    distance of the end point from the line through the elbows, divided by `apart2`; negative where
+    the outer bars cannot meet.
     """
     a1, b1, b2, a2 = bar_mm
     x1, y1 = a1 * np.sin(theta1), a1 * np.cos(theta1)
@@ -405,16 +386,10 @@ def _arm(x, y, inner, outer):
 
 
 def _bar_limits(apart, a, b, beyond, within, meet):
-    """Return the `Limit` codes of two bars that are joined at one end.
+    """Return the `Limit` codes of two bars of lengths `a` and `b` that are joined at one end.
 
-    Parameters
-    ----------
-    apart : array_like
-        Distance between the two free ends, in mm.
-    a, b : float
-        Lengths of the bars, in mm.
-    beyond, within, meet : Limit
-        Codes if the free ends are too far apart, too close together, or coincide.
+    The codes `beyond`, `within` and `meet` are for free ends that are too far apart, too close
+    together, or coincide.
     """
     whole, difference = a + b, abs(a - b)
     slack = whole * _ROUNDING
@@ -445,24 +420,9 @@ def _arrays(what, first, second):
 def _answer(solve, what, first, second):
     """Call `solve`; raise LimitError or mask elements where the linkage has no solution.
 
-    Parameters
-    ----------
-    solve : callable
-        ``solve(first, second)`` returns the results and, as last value, the `Limit` codes.
-    what : str
-        Format string that writes `first` and `second` in an error message.
-    first, second : float or array_like
-        Arguments of `solve`.
-
-    Returns
-    -------
-    tuple
-        Results of `solve`: scalars for scalar arguments, else masked arrays.
-
-    Raises
-    ------
-    LimitError
-        For scalar arguments, if there is no solution.
+    ``solve(first, second)`` returns the results and, as last value, the `Limit` codes. LimitError
+    is for scalar arguments; its text is `what`, formatted with both arguments. Otherwise the
+    results are masked arrays.
     """
     *found, limit = solve(*_arrays(what, first, second))
     if limit.ndim == 0:

@@ -345,23 +345,11 @@ def framed(values, x_mm, y_mm):
 
 
 def _identified(jacobian, names, misfit):
-    """Find out which parameters the points of a fit determine.
+    """Find out which of p parameters the points of a fit determine.
 
-    Parameters
-    ----------
-    jacobian : ndarray, shape (2n, p)
-        Whitened Jacobian from `_Fit.jacobian`.
-    names : tuple of str
-        Names of the p parameters.
-    misfit : float
-        Scatter of the residuals, see `Kinematics`.
-
-    Returns
-    -------
-    errors : ndarray, shape (p,)
-        Standard errors divided by the prior standard deviations.
-    unidentified, rank, condition
-        As in `Kinematics`.
+    `jacobian` is the whitened one of `_Fit.jacobian`, shape (2n, p); `misfit` is that of
+    `Kinematics`. Returned are standard errors divided by the prior standard deviations, shape (p,),
+    and unidentified, rank and condition of `Kinematics`.
     """
     _, sizes, ways = np.linalg.svd(jacobian, full_matrices=False)
     sizes = sizes / misfit

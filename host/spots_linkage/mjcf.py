@@ -18,19 +18,11 @@ _DENSITY_KG_M3 = 1200  # of a printed bar
 
 
 def mjcf(linkage: Linkage) -> str:
-    """Return a linkage as a MuJoCo model.
+    """Return a linkage as a MuJoCo model (MJCF), for MuJoCo 3.2 or newer.
 
-    Parameters
-    ----------
-    linkage : Linkage
-        Lengths and assembly.
-
-    Returns
-    -------
-    str
-        MJCF, for MuJoCo 3.2 or newer. The site ``end_point`` is the end point. The position
-        actuators ``joint1`` and ``joint2`` take angles in rad. In the key frame ``home``, the loop
-        is closed, and the linkage is far from a singular pose.
+    The site ``end_point`` is the end point. The position actuators ``joint1`` and ``joint2`` take
+    angles in rad. In the key frame ``home``, the loop is closed, and the linkage is far from a
+    singular pose.
     """
     model = ET.Element("mujoco", model="five-bar linkage")
     ET.SubElement(model, "compiler", angle="radian", autolimits="true")
@@ -57,24 +49,9 @@ def mjcf(linkage: Linkage) -> str:
 
 
 def pose(linkage: Linkage, theta_rad: tuple[float, float]) -> np.ndarray:
-    """Return the coordinates of the model's four hinges for the angles of both joints.
+    """Return MuJoCo's `qpos` of the model, in rad: joint 1, elbow 1, joint 2 and elbow 2.
 
-    Parameters
-    ----------
-    linkage : Linkage
-        Lengths and assembly.
-    theta_rad : tuple of 2 floats
-        Angles of joint 1 and joint 2, in rad.
-
-    Returns
-    -------
-    numpy.ndarray of float, shape (4,)
-        Angles of joint 1, elbow 1, joint 2 and elbow 2, in rad: MuJoCo's `qpos`.
-
-    Raises
-    ------
-    LimitError
-        If the linkage has no solution at these angles.
+    LimitError if the linkage has no solution at these angles.
     """
     x_mm, y_mm = linkage.forward(*theta_rad)
     found = []

@@ -24,14 +24,8 @@ _Degrees = Annotated[float, msgspec.Meta(ge=-360, le=360)]
 class Mounting(toml.Strict, kw_only=True):
     """Mounting of a strip in a joint: joint angle = offset + gain * calibrated angle.
 
-    Attributes
-    ----------
-    calibration : str
-        Path of the strip's calibration file, relative to the folder of the linkage file.
-    offset_deg : float
-        Joint angle (as in `Linkage`) at which the strip's calibration gives 0, in degrees.
-    gain : float
-        About 1, or about -1 if the calibrated angle grows in the opposite direction.
+    `calibration` is a path relative to the folder of the linkage file. `gain` is about 1, or about
+    -1 if the calibrated angle grows in the opposite direction. Angles are those of `Linkage`.
     """
 
     calibration: str
@@ -49,16 +43,8 @@ class Mounting(toml.Strict, kw_only=True):
 class Mounted(toml.Strict, kw_only=True):
     """Content of a linkage file: the linkage's lengths, and the strips in its joints.
 
-    Attributes
-    ----------
-    bar_mm : tuple of 4 floats
-        Lengths of inner bar 1, outer bar 1, outer bar 2 and inner bar 2, in mm.
-    base_mm : float
-        Distance of the two base joints, in mm.
-    assembly : str
-        ``far`` or ``near``, see `Linkage`.
-    joint : list of Mounting
-        Mounting of the strip in joint 1, at (0, 0), and in joint 2, at (base, 0).
+    The bars are inner bar 1, outer bar 1, outer bar 2 and inner bar 2; the assembly is ``far`` or
+    ``near``, see `Linkage`. Joint 1 is at (0, 0) and joint 2 at (base, 0).
     """
 
     bar_mm: tuple[_Length, _Length, _Length, _Length]
@@ -93,17 +79,9 @@ class Mounted(toml.Strict, kw_only=True):
         return tuple(joint.gain for joint in self.joint)
 
     def strips(self, path: Path) -> list[CalibrationFile]:
-        """Read the calibration files of both strips.
+        """Read the calibration files of both strips; `path` is that of the linkage file.
 
-        Parameters
-        ----------
-        path : Path
-            Path of this linkage file; paths of calibration files are relative to its folder.
-
-        Raises
-        ------
-        FileError
-            If a calibration file cannot be read, or contains no calibration of a joint.
+        FileError if a calibration file cannot be read, or contains no calibration of a joint.
         """
         found = []
         for number, joint in enumerate(self.joint, 1):
@@ -127,16 +105,7 @@ class Mounted(toml.Strict, kw_only=True):
     def found(self, kinematics: Kinematics, calibrations: list[str]) -> "Mounted":
         """Return a copy with the lengths and the mounting from a kinematic calibration.
 
-        Parameters
-        ----------
-        kinematics : Kinematics
-            Result of the calibration.
-        calibrations : list of str
-            Paths of the two calibration files, relative to the folder of the new linkage file.
-
-        Returns
-        -------
-        Mounted
+        `calibrations` are paths relative to the folder of the new linkage file.
         """
         linkage = kinematics.linkage
         joints = [
@@ -164,13 +133,7 @@ def is_mounted(name: str) -> bool:
 
 
 def load(path: str | Path) -> Mounted:
-    """Read a linkage file.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, or a key in it is unknown, missing or out of range.
-    """
+    """Read a linkage file; FileError if it is missing or invalid."""
     try:
         text = read_text(path)
     except FileNotFoundError:
@@ -190,21 +153,8 @@ KIND = atomic.Kind("a linkage file", load)
 def save(mounted: Mounted, path: Path, before: Mounted | None, comment: str = "") -> None:
     """Write a linkage file. An existing linkage file is replaced atomically.
 
-    Parameters
-    ----------
-    mounted : Mounted
-        Content of the file.
-    path : Path
-        Path of the file.
-    before : Mounted or None
-        Content that the file must still have; None if the file did not exist.
-    comment : str
-        Text that the file starts with, as TOML comments; may have several lines.
-
-    Raises
-    ------
-    SpotsError
-        If the file cannot be written, or has another content than `before`.
+    `before` is the content that the file must still have, None if the file did not exist;
+    ChangedError otherwise. The comment may have several lines.
     """
     rows = [
         "# A five-bar linkage and the strips in its joints, see docs/play/linkage.md.",

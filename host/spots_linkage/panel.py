@@ -37,12 +37,7 @@ _TRAIL = 1000
 class TwinFeed:
     """Shows the digital twin of a linkage in the web UI. Two threads may call `take`.
 
-    Parameters
-    ----------
-    twin : Twin
-        Twin that computes the linkage's state from the readings.
-    show : callable
-        ``show(value)`` shows a new state, see docs/try/web.md.
+    ``show(value)`` shows a new state, see docs/try/web.md. The joints have the indices 0 and 1.
     """
 
     def __init__(self, twin: Twin, show: Show):
@@ -60,15 +55,7 @@ class TwinFeed:
         self._wait("waiting for readings of both joints")
 
     def take(self, joint: int, touch: Touch) -> None:
-        """Add a reading of a joint, and show the new state of the linkage.
-
-        Parameters
-        ----------
-        joint : int
-            Index of the joint: 0 for joint 1, 1 for joint 2.
-        touch : Touch
-            The next reading of this joint.
-        """
+        """Add a reading of a joint, and show the new state of the linkage."""
         with self._lock:
             self._away[joint] = ""
             for terminal in self._twin.take(joint, touch):
@@ -85,15 +72,7 @@ class TwinFeed:
                 self._wait("".join(self._away) or silence)
 
     def lost(self, joint: int, why: str) -> None:
-        """Show that a joint cannot be read.
-
-        Parameters
-        ----------
-        joint : int
-            Index of the joint: 0 for joint 1, 1 for joint 2.
-        why : str
-            Reason, shown in the web UI.
-        """
+        """Show why a joint cannot be read."""
         with self._lock:
             self._away[joint] = f"joint {joint + 1}: {why}"
             self._wait(self._away[joint])
@@ -114,15 +93,7 @@ class TwinFeed:
 
 
 class TwinPanel:
-    """Panel ``twin`` of the web UI, an entry point of the group ``spots.panels``.
-
-    Parameters
-    ----------
-    show : callable
-        ``show(value)`` replaces the value that browsers draw.
-    options : Namespace
-        Options of ``spots serve``.
-    """
+    """Panel ``twin`` of the web UI, an entry point of the group ``spots.panels``."""
 
     title = "Linkage"
     static = Path(__file__).parent / "static"
@@ -147,27 +118,11 @@ class TwinPanel:
 
 
 def linkage_sources(linkage: str, ports: list[str], show: Show) -> Sources:
-    """Return the one or two boards that belong to a linkage file.
+    """Return how to open, follow and miss each of the one or two boards of a linkage file.
 
-    Parameters
-    ----------
-    linkage : str
-        Path of the linkage file.
-    ports : list of str
-        Port of joint 1 and port of joint 2, or the port of a board that has both strips. If empty,
-        the boards are found by their ids.
-    show : callable
-        ``show(value)`` shows a new state of the linkage.
-
-    Returns
-    -------
-    list of tuple
-        Of each board: how to open it, to follow its readings, and to miss it.
-
-    Raises
-    ------
-    SpotsError
-        If a file is invalid, or there are more than two ports.
+    The ports are those of joint 1 and joint 2, or that of a board with both strips. Without ports,
+    the boards are found by their ids. SpotsError if a file is invalid, or there are more than two
+    ports.
     """
     twin, strips = loaded(linkage, ports)
     feed = TwinFeed(twin, show)
@@ -199,19 +154,7 @@ def linkage_sources(linkage: str, ports: list[str], show: Show) -> Sources:
 
 
 def driven_sources(driven: DrivenLinkage, show: Show) -> Sources:
-    """Return the two boards that a `DrivenLinkage` opens, as `linkage_sources` does.
-
-    Parameters
-    ----------
-    driven : DrivenLinkage
-        The linkage, for example a simulated linkage.
-    show : callable
-        ``show(value)`` shows a new state of the linkage.
-
-    Returns
-    -------
-    list of tuple
-    """
+    """Return the two boards that a `DrivenLinkage` opens, as `linkage_sources` does."""
     feed = TwinFeed(Twin(driven.linkage, driven.encoders()), show)
     return [
         (lambda board_id, joint=i: driven.open(joint), partial(feed.take, i), partial(feed.lost, i))

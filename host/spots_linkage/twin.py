@@ -28,13 +28,7 @@ _JOINTS = "joint1", "joint2"  # as in the model for MuJoCo
 
 
 def twin_command(options: argparse.Namespace) -> None:
-    """Run ``spots twin`` with the options that `cli` parsed.
-
-    Raises
-    ------
-    CalibrationError, SettingError
-        If a file is wrong, or two options exclude each other.
-    """
+    """Run ``spots twin``; SpotsError if a file is wrong, or two options exclude each other."""
     ports = options.port
     played = any(map(is_recording, ports))
     boards = has_boards(options.linkage, ports)
@@ -101,30 +95,10 @@ def show(
 ) -> int:
     """Show a linkage's digital twin as a live picture or as lines, until Ctrl-C or `seconds`.
 
-    Parameters
-    ----------
-    source : Source
-        The twin and its boards.
-    seconds : float or None
-        Time after which to end, in seconds; no limit if None. When recordings end, this function
-        ends, too.
-    as_json : bool
-        Whether to print each position as a JSON object. Otherwise a terminal window shows a
-        picture, and any other output gets at most four lines a second.
-    played : bool
-        Whether the boards are recordings; a picture shows recordings at their original pace.
-    publish : callable, optional
-        Called with each value that the twin computed.
-
-    Returns
-    -------
-    int
-        Number of values that the twin computed, including those without a position.
-
-    Raises
-    ------
-    SpotsError
-        If a board is lost.
+    It ends when recordings end, too. With `as_json`, each position is a JSON object. Otherwise a
+    terminal window shows a picture, and any other output gets at most four lines a second. With
+    `played`, a picture shows recordings at their original pace. Returned is the number of values
+    that the twin computed, including those without a position. PortError if a board is lost.
     """
     pace, count = Pace(), 0
     on_terminal = _json if as_json else Lines()
@@ -201,20 +175,7 @@ class Lines:
 
 
 def line(terminal: Terminal, began_s: float) -> str:
-    """Return a position of the end point as a line of text.
-
-    Parameters
-    ----------
-    terminal : Terminal
-        The position to print.
-    began_s : float
-        Time that the line shows as 0 s, in seconds by the clock of `Terminal.time_s`.
-
-    Returns
-    -------
-    str
-        Time in s, joint angles in degrees, position and error ellipse in mm, speed in mm/s.
-    """
+    """Return a position as text; `began_s` is the time of `Terminal.time_s` that counts as 0 s."""
     theta = "  ".join(f"{math.degrees(angle):8.2f}" for angle in terminal.theta_rad)
     text = f"{terminal.time_s - began_s:7.2f} s  joints {theta} deg"
     if not terminal.limit:

@@ -41,31 +41,14 @@ _LEAST = 3  # least number of angles of each joint
 
 
 def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) -> str:
-    """Fit a linkage to measured points, write a linkage file, and return a report.
+    """Fit a linkage to measured points, write a linkage file to `out` if given, return a report.
 
-    Parameters
-    ----------
-    points : Path
-        Table of points with the columns `COLUMNS`: measured position of the end point in any fixed
-        coordinate frame, calibrated angles without offset and gain of the mounting, and standard
-        errors of the angles.
-    linkage : Path
-        Linkage file with the nominal lengths and mounting.
-    place_sigma_mm : float
-        Standard error of each measured coordinate, in mm.
-    out : Path or None
-        Linkage file to write with the fitted parameters; nothing is written if None.
-
-    Returns
-    -------
-    str
-        Readable report: parameters, standard errors and points that do not fit.
-
-    Raises
-    ------
-    CalibrationError, FileError
-        If a file is wrong, `out` would replace a file of another kind, there are too few points,
-        or no linkage near the nominal one fits them.
+    The table has the columns `COLUMNS`: measured position of the end point in any fixed coordinate
+    frame, calibrated angles without offset and gain of the mounting, and standard errors of the
+    angles. `linkage` has the nominal lengths and mounting. `place_sigma_mm` is the standard error
+    of each measured coordinate. CalibrationError or FileError if a file is wrong, `out` would
+    replace a file of another kind, there are too few points, or no linkage near the nominal one
+    fits them.
     """
     drawn = mounted.load(linkage)
     calibrations = [linkage.parent / joint.calibration for joint in drawn.joint]
@@ -124,31 +107,11 @@ def _ask(question: str) -> str:
 
 
 def measure(source: Source, points: Path, ask: Callable[[str], str] = _ask, say=print) -> int:
-    """Measure points of a kinematic calibration, and append them to a table.
+    """Measure points of a kinematic calibration, append them to a table, and return their number.
 
     For each point, the user types the end point's position, and the joint angles are measured. An
-    empty line ends the measurement.
-
-    Parameters
-    ----------
-    source : Source
-        The digital twin and its boards.
-    points : Path
-        Table of points. An existing table is continued.
-    ask : callable
-        Function that takes a question and returns the user's answer.
-    say : callable
-        Function that takes a line to print.
-
-    Returns
-    -------
-    int
-        Number of points in the table.
-
-    Raises
-    ------
-    SpotsError
-        If the table is invalid or cannot be written.
+    empty line ends the measurement. An existing table is continued. FileError if it is invalid or
+    cannot be written.
     """
     count = len(_read(points)[0]) if points.exists() else 0
     while True:

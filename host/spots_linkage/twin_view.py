@@ -23,12 +23,7 @@ _LAST_DOT = np.array([4 * _ROWS - 1, 2 * _COLUMNS - 1])
 class TwinView:
     """Draws a digital twin in a plot whose range grows to contain all points that were drawn.
 
-    Parameters
-    ----------
-    twin : Twin
-        The twin to draw.
-    names : list of str
-        Names of the ports, for the title.
+    `names` are those of the ports, for the title.
     """
 
     def __init__(self, twin: Twin, names: list[str]):
@@ -39,17 +34,8 @@ class TwinView:
     def picture(self, stats: list[LinkStats], now_s: float) -> Panel:
         """Return the picture of the digital twin at its newest position.
 
-        Parameters
-        ----------
-        stats : list of LinkStats
-            Link statistics of each board.
-        now_s : float
-            Present time in seconds, by the clock of `Touch.time_s`; used to warn of a joint that
-            has had no angle for 3 s.
-
-        Returns
-        -------
-        rich.panel.Panel
+        `now_s` is by the clock of `Touch.time_s`: the picture warns of a joint that has had no
+        angle for 3 s.
         """
         trail = self._twin.trail
         last = trail[-1] if trail else None

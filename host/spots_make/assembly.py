@@ -27,37 +27,14 @@ _LEAST_WIDTH = 5.0  # mm: grooves are narrower, cavities are wider
 
 
 def closed(tray, lid, depth: float):
-    """Return the solid of a closed mould: tray and lid.
-
-    Parameters
-    ----------
-    tray, lid : manifold3d.Manifold
-        Parts as they are printed.
-    depth : float
-        Depth of the tray's cavities in mm.
-
-    Returns
-    -------
-    manifold3d.Manifold
-        Tray and lid together. The lid is turned over about its long axis, and lies on the tray.
-    """
+    """Return the solid of a closed mould: the lid is turned over about its long axis."""
     return tray + lid.rotate((180, 0, 0)).translate((0, 0, FLOOR + depth + LID))
 
 
 def castings(tray, lid, depth: float) -> list:
-    """Return the parts that are cast in a mould: its cavities, without the overflow grooves.
+    """Return the parts that are cast in a mould, as they lie in it, without the overflow grooves.
 
-    Parameters
-    ----------
-    tray, lid : manifold3d.Manifold
-        Parts as they are printed.
-    depth : float
-        Depth of the tray's cavities in mm.
-
-    Returns
-    -------
-    list of manifold3d.Manifold
-        The castings, as they lie in the mould.
+    `depth` is that of the tray's cavities in mm.
     """
     from manifold3d import Manifold
 
@@ -76,16 +53,9 @@ def _width(solid) -> float:
 def assembly(shape: StripShape) -> dict:
     """Return the parts of a finished strip at their positions.
 
-    Parameters
-    ----------
-    shape : StripShape
-        Dimensions of the strip.
-
-    Returns
-    -------
-    dict of str to manifold3d.Manifold
-        Solids of ``support``, ``clear`` and ``dyed`` (the two guides), ``board`` (breakout),
-        ``chip`` and ``led``. Printed parts: ``base``, ``sensor_cap``, ``sensor_lid``, ``led_cap``.
+    The solids are ``support``, ``clear`` and ``dyed`` (the two guides), ``board`` (breakout),
+    ``chip`` and ``led``; the printed parts are ``base``, ``sensor_cap``, ``sensor_lid`` and
+    ``led_cap``.
     """
     from manifold3d import Manifold
 

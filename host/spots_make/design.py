@@ -70,16 +70,9 @@ _FASTEST_HZ = 1e6 / MIN_US
 class Design:
     """A strip, the settings to read it with, and its expected resolution.
 
-    Attributes
-    ----------
-    sensor : SensorFile
-        Sensor with the designed length and dye.
-    exposure_us, average : int
-        Integration time in us, and number of samples in a reading.
-    gain, led_mA : int
-        Register code of the gain, and LED current in mA, that the command ``auto`` will set.
-    x_um, sigma_um : numpy.ndarray, shape (n,)
-        Positions along the strip, and the resolution expected at each, in um.
+    `gain` (register code) and `led_mA` are what the command ``auto`` will set. `average` is the
+    number of samples in a reading. `sigma_um` is the resolution expected at each of the positions
+    `x_um`, shape (n,).
     """
 
     sensor: SensorFile
@@ -101,16 +94,7 @@ class Design:
         return self.sensor.dye.strength_per_mm
 
     def summary(self) -> dict:
-        """Return the design as ``spots design --json`` prints it.
-
-        Returns
-        -------
-        dict
-            ``length_mm``, ``dye_per_mm``: length and dye of the strip. ``exposure_us``,
-            ``average``, ``gain``, ``led_mA``: settings, see `Design`. ``rate_hz``: readings per
-            second. ``resolution_um``, ``worst_um``: mean and worst resolution along the strip.
-            ``along``: list of dicts with ``position_mm``, and the ``resolution_um`` there.
-        """
+        """Return the design as ``spots design --json`` prints it."""
         return {
             "length_mm": self.sensor.length_mm,
             "dye_per_mm": round(self.dye_per_mm, 5),
@@ -139,21 +123,7 @@ def timing(rate_hz: float) -> tuple[int, int]:
 def best(length_mm: float, rate_hz: float) -> Design:
     """Return the design whose mean resolution along the strip is best.
 
-    Parameters
-    ----------
-    length_mm : float
-        Length of the strip, in mm.
-    rate_hz : float
-        Rate of readings in Hz.
-
-    Returns
-    -------
-    Design
-
-    Raises
-    ------
-    SettingError
-        If the far end is too dark with every dye.
+    SettingError if the far end is too dark with every dye.
     """
     base = load(SensorFile, "default")
     exposure_us, average = timing(rate_hz)
@@ -208,26 +178,10 @@ def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | No
 
 
 def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
-    """Return a design that reaches a resolution, for a given length and rate.
+    """Return a design that reaches a mean resolution, for a given length and rate.
 
-    Parameters
-    ----------
-    length_mm : float
-        Length of the strip, in mm.
-    resolution_um : float
-        Largest allowed mean resolution, in um.
-    rate_hz : float
-        Rate of readings in Hz.
-
-    Returns
-    -------
-    Design
-
-    Raises
-    ------
-    SettingError
-        If a value is out of range, the strip is too dark, or the resolution cannot be reached. In
-        the last case, the message has the best resolution at this rate.
+    SettingError if a value is out of range, the strip is too dark, or the resolution cannot be
+    reached. In the last case, the message has the best resolution at this rate.
     """
     for name, value, low, high in (
         ("length-mm", length_mm, *_LENGTHS_MM),

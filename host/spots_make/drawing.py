@@ -155,20 +155,7 @@ class _View:
 
 
 def write(shape: StripShape, folder: Path) -> list[Path]:
-    """Draw a strip into ``section.svg``, ``assembly.svg`` and ``moulds.svg``.
-
-    Parameters
-    ----------
-    shape : StripShape
-        Dimensions of the strip.
-    folder : Path
-        Existing folder.
-
-    Returns
-    -------
-    list of Path
-        Paths of the three files.
-    """
+    """Draw a strip into ``section.svg``, ``assembly.svg`` and ``moulds.svg`` of a folder."""
     made, placed = parts(shape), assembly(shape)
     return [
         _section(shape, placed).write(folder / "section.svg"),

@@ -60,12 +60,8 @@ _CLEAR = Change(dye_percent=-100.0)
 class Measured:
     """Strength of a test piece's dye.
 
-    Attributes
-    ----------
-    per_mm : float
-        Decay coefficient per mm, as `files.Dye.strength_per_mm`.
-    misfit : float
-        Root mean square of the differences from the fit, which uses natural logarithms of counts.
+    `per_mm` is a decay coefficient, as `files.Dye.strength_per_mm`. `misfit` is the root mean
+    square of the differences from the fit, which uses natural logarithms of counts.
     """
 
     per_mm: float
@@ -75,25 +71,9 @@ class Measured:
 def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measured:
     """Compute the strength of a test piece's dye from counts through it and through a clear piece.
 
-    Parameters
-    ----------
-    sensor : SensorFile
-        Sensor with the spectra of LED and dye; its dye strength is ignored.
-    length_mm : float
-        Length of both pieces in mm.
-    plan : sequence of str
-        Names of the channels.
-    clear, dyed : array_like, shape (6,)
-        Dark-subtracted counts through the clear and the dyed piece.
-
-    Returns
-    -------
-    Measured
-
-    Raises
-    ------
-    CalibrationError
-        If a channel is dark, the pieces differ too little or were swapped, or the dye is not red.
+    The counts, shape (6,), are dark-subtracted. `sensor` has the spectra of LED and dye; its dye
+    strength is ignored. CalibrationError if a channel is dark, the pieces differ too little or were
+    swapped, or the dye is not red.
     """
     clear, dyed = np.asarray(clear, dtype=float), np.asarray(dyed, dtype=float)
     for name, counts in (("clear", clear), ("dyed", dyed)):
@@ -143,22 +123,8 @@ def _even(logs: np.ndarray) -> np.ndarray:
 def dose(test_dose: float, measured_per_mm: float, wanted_per_mm: float) -> float:
     """Return the dose of tint that gives the dye a wanted strength.
 
-    Parameters
-    ----------
-    test_dose : float
-        Dose of the test piece, in g of tint in 100 g of rubber.
-    measured_per_mm, wanted_per_mm : float
-        Strength of the dye in the test piece and in the strip.
-
-    Returns
-    -------
-    float
-        Dose in g of tint in 100 g of rubber.
-
-    Raises
-    ------
-    CalibrationError
-        If the dose is out of range. Then a tint with more or less pigment is needed.
+    Doses are in g of tint in 100 g of rubber. CalibrationError if the dose is out of range: then a
+    tint with more or less pigment is needed.
     """
     found = test_dose * wanted_per_mm / measured_per_mm
     low, high = _DOSES
@@ -177,26 +143,10 @@ def read_pieces(
 ) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     """Ask for the clear and the dyed test piece, and read both with the same settings.
 
-    Parameters
-    ----------
-    reader : SpectrumReader
-        Reads the board.
-    ask : callable
-        ``ask(text)`` shows a request to the user, and returns when the user has confirmed it.
-    dark : callable
-        Takes a dark frame; called only if the LED is always on: then the board takes none itself.
-
-    Returns
-    -------
-    plan : tuple of str
-        Names of the channels.
-    clear, dyed : numpy.ndarray, shape (6,)
-        Dark-subtracted counts through each piece.
-
-    Raises
-    ------
-    CalibrationError
-        If a piece saturates the sensor, or the board is disconnected.
+    ``ask(text)`` returns when the user has confirmed a request. `dark` takes a dark frame; it is
+    called only if the LED is always on: then the board takes none itself. Returned are the names of
+    the channels, and dark-subtracted counts through each piece, shape (6,). CalibrationError if a
+    piece saturates the sensor, or the board is disconnected.
     """
     counts = []
     for piece in ("clear", "dyed"):

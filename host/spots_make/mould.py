@@ -31,18 +31,7 @@ def require() -> None:
 
 
 def parts(shape: StripShape) -> dict:
-    """Return the printed parts of a strip.
-
-    Parameters
-    ----------
-    shape : StripShape
-        Dimensions of the strip.
-
-    Returns
-    -------
-    dict of str to manifold3d.Manifold
-        Closed solids in mm. Each key is the name of the part's STL file, without its suffix.
-    """
+    """Return the printed parts of a strip: closed solids in mm, by the names of their STL files."""
     guides, support = _cavities_y(2, dims.GUIDE_WIDTH), _cavities_y(1, dims.STRIP_WIDTH)
     return {
         "guides_tray": _guide_tray(shape.guide_mm),
@@ -68,24 +57,9 @@ def parts(shape: StripShape) -> dict:
 
 
 def write(shape: StripShape, folder: Path) -> list[Path]:
-    """Write each part of a strip to a binary STL file in mm.
+    """Write each part of a strip to a binary STL file in mm, in an existing folder.
 
-    Parameters
-    ----------
-    shape : StripShape
-        Dimensions of the strip.
-    folder : Path
-        Existing folder.
-
-    Returns
-    -------
-    list of Path
-        Paths of the STL files.
-
-    Raises
-    ------
-    SpotsError
-        If a package is missing, or a file cannot be written.
+    SpotsError if a package is missing, or a file cannot be written.
     """
     require()
     import trimesh

@@ -36,14 +36,8 @@ TEST_DOSE = 2.0  # g of tint in 100 g, for the first test piece
 class Rubber:
     """A castable rubber.
 
-    Attributes
-    ----------
-    name : str
-        Name of the product.
-    parts : dict of str to float
-        Volume share of each component of the rubber, such as A and B.
-    density_g_ml : float
-        Assumed density of every component; the maker's bulletin has the exact values.
+    `parts` has the volume share of each component, such as A and B. The density is assumed for
+    every component; the maker's bulletin has the exact values.
     """
 
     name: str
@@ -66,17 +60,7 @@ SUPPORT = Rubber(
 
 @dataclass(frozen=True)
 class Batch:
-    """An amount of rubber that is mixed together.
-
-    Attributes
-    ----------
-    what : str
-        Parts of the strip that are cast from this batch.
-    rubber : Rubber
-        The rubber.
-    cavities_ml : float
-        Volume of the cavities to fill.
-    """
+    """An amount of rubber that is mixed together, to fill cavities for parts of the strip."""
 
     what: str
     rubber: Rubber
@@ -110,21 +94,7 @@ def checked(strips: int) -> int:
 
 
 def batches(shape: StripShape, strips: int) -> list[Batch]:
-    """Return the amounts of rubber to mix for a number of strips.
-
-    Parameters
-    ----------
-    shape : StripShape
-        Dimensions of a strip.
-    strips : int
-        Number of strips.
-
-    Returns
-    -------
-    list of Batch
-        Four batches: for clear guides and the clear test piece, for the dyed test piece, for dyed
-        guides, and for supports.
-    """
+    """Return the amounts of rubber to mix for a number of strips, and for the two test pieces."""
     test_ml, guide_ml = guide_mm3(TEST_LENGTH) / 1000, shape.guide_mm3 / 1000
     return [
         Batch("clear guides and the clear test piece", GUIDE, strips * guide_ml + test_ml),
@@ -135,40 +105,15 @@ def batches(shape: StripShape, strips: int) -> list[Batch]:
 
 
 def tint_g(mixed_g: float, dose: float) -> float:
-    """Return the mass of tint for an amount of rubber.
-
-    Parameters
-    ----------
-    mixed_g : float
-        Mass of the tinted rubber in g.
-    dose : float
-        Tint in 100 g of tinted rubber, in g.
-
-    Returns
-    -------
-    float
-        Mass of the tint in g.
-    """
+    """Return the mass of tint for tinted rubber; `dose` is g of tint in 100 g of it."""
     return mixed_g * dose / 100
 
 
 def text(shape: StripShape, strips: int, dye_per_mm: float, command: str) -> str:
     """Return the build instructions as Markdown: the template ``build.md.in``, filled in.
 
-    Parameters
-    ----------
-    shape : StripShape
-        Dimensions of the strip.
-    strips : int
-        Number of strips.
-    dye_per_mm : float
-        Designed strength of the dye, as its decay coefficient per mm.
-    command : str
-        Command line of the design. The instructions show it with ``--measure-dye`` added.
-
-    Returns
-    -------
-    str
+    The instructions show the command line of the design with ``--measure-dye`` added. `dye_per_mm`
+    is the designed decay coefficient.
     """
     mixed = batches(shape, strips)
     return (

@@ -63,16 +63,9 @@ SLOPE = math.tan(math.radians(DRAFT_DEG))
 
 @dataclass(frozen=True)
 class Breakout:
-    """Outline of a breakout with an AS7341.
+    """Outline of a breakout with an AS7341, from the maker's file `source`.
 
-    Attributes
-    ----------
-    width_mm, height_mm : float
-        Size of the board.
-    window_mm : tuple of float
-        Centre of the chip's window, in mm from the lower left corner.
-    source : str
-        Maker's file with these dimensions.
+    The centre of the chip's window is counted from the lower left corner.
     """
 
     width_mm: float
@@ -98,12 +91,8 @@ BREAKOUTS = {
 class StripShape:
     """Dimensions of one strip, in mm.
 
-    Attributes
-    ----------
-    length_mm : float
-        Length of the part that senses a finger: the length of the air gap between the caps.
-    breakout : str
-        Key of `BREAKOUTS`.
+    `length_mm` is that of the part that senses a finger: of the air gap between the caps.
+    `breakout` is a key of `BREAKOUTS`.
     """
 
     length_mm: float

@@ -34,18 +34,8 @@ class Answers:
     """The services ``/NODE/hello``, ``/NODE/get`` and ``/NODE/sync``, of the type std_srvs/Trigger.
 
     A response has ``success``, and as ``message`` a JSON object: the board's reply, or ``error``
-    with a sentence, and ``why`` with its code if it has one.
-
-    All waiting queries for the same command get the same reply, which is at most a second old.
-
-    Parameters
-    ----------
-    board : Board
-        The published board.
-    name : str
-        Name of the node.
-    node : RosNode
-        The node, which ends the services.
+    with a sentence, and ``why`` with its code if it has one. All waiting queries for the same
+    command get the same reply, which is at most a second old. The services end with the node.
     """
 
     def __init__(self, board: Board, name: str, node: RosNode):

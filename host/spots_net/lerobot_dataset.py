@@ -39,25 +39,9 @@ class _Lane(NamedTuple):
 
 
 def write(description: Description, records: Records, out: Path, files: Files) -> None:
-    """Write the folder of a dataset.
+    """Write the folder of a dataset, from the rows of a recording's tables.
 
-    Parameters
-    ----------
-    description : Description
-        Facts about the recording.
-    records : iterable of (Table, tuple)
-        Rows of its tables.
-    out : Path
-        The new folder.
-    files : Files
-        New files that appear together.
-
-    Raises
-    ------
-    FileError
-        If the folder exists, or there are no readings.
-    RequirementError
-        If pyarrow is missing.
+    FileError if the folder exists, or there are no readings. RequirementError without pyarrow.
     """
     try:
         import pyarrow as pa

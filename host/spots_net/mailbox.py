@@ -14,12 +14,8 @@ _OVERHEAD_BYTES = sys.getsizeof((None, None)) + 8
 class Mailbox:
     """A queue of messages with labels. A full queue drops its oldest messages.
 
-    Attributes
-    ----------
-    changed : threading.Condition
-        Notified when a message arrives; its lock is reentrant.
-    dropped : int
-        Number of messages that were dropped because they were too long or the queue was full.
+    `changed` is notified when a message arrives; its lock is reentrant. `dropped` counts messages
+    that were too long, or for which the queue was full.
     """
 
     def __init__(self):
@@ -32,15 +28,7 @@ class Mailbox:
         return len(self._messages)
 
     def put(self, label: Any, data: Any) -> None:
-        """Add a message.
-
-        Parameters
-        ----------
-        label : str or bytes
-            Label of the message.
-        data : bytes or zenoh.ZBytes
-            Content of the message. A message that is too long is dropped before it is copied.
-        """
+        """Add a message; one that is too long is dropped before it is copied."""
         with self.changed:
             if len(data) > MESSAGE_BYTES_MAX:
                 self.dropped += 1

@@ -40,15 +40,7 @@ class Outlet(Protocol):
     """Where the readings can be received, to be printed."""
 
     def put(self, frame: Reading, utc_s: float) -> None:
-        """Send a frame.
-
-        Parameters
-        ----------
-        frame : Touch, Spectrum, Key or Contact
-            The frame.
-        utc_s : float
-            Time of the measurement, in seconds since 1970.
-        """
+        """Send a frame, measured at `utc_s` (seconds since 1970)."""
         ...
 
     def turn(self) -> None:
@@ -61,13 +53,7 @@ class Outlet(Protocol):
 
 
 def checked(name: str) -> str:
-    """Return the argument of ``--to`` unchanged, for argparse.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If there is no such outlet, or it takes no address.
-    """
+    """Return the argument of ``--to`` unchanged; ArgumentTypeError if it names no outlet."""
     kind, equals, _ = name.partition("=")
     if kind not in _OUTLETS:
         known = ", ".join(NAMES)
@@ -78,25 +64,11 @@ def checked(name: str) -> str:
 
 
 def maker(name: str, /, **settings: Any) -> Callable[[Board], Outlet]:
-    """Return the function that opens an outlet for a board.
+    """Return the function that opens an outlet for a board; it raises SpotsError.
 
-    Parameters
-    ----------
-    name : str
-        One of `NAMES`; the outlet's own address may follow after "=", such as
-        ``osc=192.168.1.7:9000``.
-    **settings
-        Further arguments of the outlet's class.
-
-    Returns
-    -------
-    callable
-        ``opens(board)`` raises SpotsError if the address is wrong or in use.
-
-    Raises
-    ------
-    SpotsError
-        If the package that the outlet needs is missing.
+    `name` is one of `NAMES`; the outlet's own address may follow after "=", such as
+    ``osc=192.168.1.7:9000``. The settings go to the outlet's class. RequirementError if the package
+    that the outlet needs is missing.
     """
     kind, _, address = name.partition("=")
     place, package, extra = _OUTLETS[kind]
@@ -115,23 +87,8 @@ def maker(name: str, /, **settings: Any) -> Callable[[Board], Outlet]:
 def host_and_port(address: str, default: tuple[str, int], what: str) -> tuple[str, int]:
     """Return host and port of an address such as ``192.168.1.7:9000``, ``:9000`` or ``host``.
 
-    Parameters
-    ----------
-    address : str
-        The address; what is missing is taken from `default`.
-    default : tuple of str and int
-        Host and port.
-    what : str
-        Name of the outlet, for the error message.
-
-    Returns
-    -------
-    tuple of str and int
-
-    Raises
-    ------
-    SettingError
-        If the port is not a number from 0 to 65535.
+    What is missing is taken from `default`. SettingError if the port is not a number from 0 to
+    65535; `what` names the outlet in its sentence.
     """
     host, colon, port = address.rpartition(":") if ":" in address else (address, "", "")
     if colon and not (port.isdecimal() and int(port) < 65536):
@@ -142,16 +99,7 @@ def host_and_port(address: str, default: tuple[str, int], what: str) -> tuple[st
 def values(frame: Reading) -> dict[str, Any]:
     """Return the values of a frame by the names of the columns of ``spots export``.
 
-    Parameters
-    ----------
-    frame : Touch, Spectrum, Key or Contact
-        The frame.
-
-    Returns
-    -------
-    dict
-        ``sensor``, ``sequence``, ``t_us``, and the values in `spots.recording.table.VALUES`; an
-        unknown number is NaN.
+    An unknown number is NaN.
     """
     names = (*_FIRST, *VALUES[kind_of(frame)])
     return {name: getattr(frame, _FIELDS.get(name, name)) for name in names}
@@ -160,18 +108,8 @@ def values(frame: Reading) -> dict[str, Any]:
 def row(frame: Reading, time_s: float, arrived_s: float, channels: list[str]) -> dict[str, Any]:
     """Return a frame as a row of ``spots export``, without the values that are unknown.
 
-    Parameters
-    ----------
-    frame : Touch, Spectrum, Key or Contact
-        The frame.
-    time_s, arrived_s : float
-        Times of the measurement and of the arrival, in seconds since publishing began.
-    channels : list of str
-        Names of the channels of the six ADCs.
-
-    Returns
-    -------
-    dict
+    The times are in seconds since publishing began. `channels` are the names of the six ADCs'
+    channels.
     """
     found = {"time_s": time_s, "arrived_s": arrived_s, **values(frame)}
     if isinstance(frame, Spectrum):

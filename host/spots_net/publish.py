@@ -46,33 +46,11 @@ class Publisher:
 
     A service returns the reply to one of the commands ``hello``, ``get`` and ``sync``. What the
     board sends is also published as bytes, which the port ``zenoh:ID`` reads. Messages to which
-    nobody subscribes are not made.
+    nobody subscribes are not made. No other code of the program may read the board's frames.
 
-    Parameters
-    ----------
-    board : Board
-        The board. No other code of the program may read its frames.
-    address : str
-        ROS domain; ROS_DOMAIN_ID, or 0, if not given.
-    name : str
-        Name of the node, in place of ``spots_ID``.
-    qos : Qos
-        Quality of service of the topics.
-    session : zenoh.Session, optional
-        An open session; if not given, a session of its own.
-
-    Attributes
-    ----------
-    name : str
-        Name of the node.
-    place : str
-        Where the board is published.
-
-    Raises
-    ------
-    BoardError, PortError, SettingError
-        If the board is read-only, has no valid id, or is already published, or the domain or the
-        name is invalid.
+    `address` is the ROS domain; without it, ROS_DOMAIN_ID, or 0. `name` is used in place of
+    ``spots_ID``. Without `session`, a session is opened. SpotsError if the board is read-only, has
+    no valid id, or is already published, or the domain or the name is invalid.
     """
 
     def __init__(

@@ -30,21 +30,9 @@ def stream(board: Board) -> None:
 
 
 def publish(board: Board, outlets: Sequence[Outlet], seconds: float | None = None) -> None:
-    """Send the frames of a streaming board to outlets.
+    """Send the frames of a streaming board to outlets; PortError if the board is lost.
 
-    Parameters
-    ----------
-    board : Board
-        The board. No other code of the program may read its frames.
-    outlets : sequence of Outlet
-        Where its frames go.
-    seconds : float, optional
-        Time after which to end, in seconds; no limit if not given.
-
-    Raises
-    ------
-    SpotsError
-        If the board is lost.
+    No other code of the program may read the board's frames.
     """
     now_s = board.now_s
     end_s = None if seconds is None else now_s() + seconds

@@ -13,21 +13,8 @@ from .zenoh_session import find, open_session
 def open_port(rest: str, options: Namespace | None = None) -> Board:
     """Open the port ``zenoh:ID``, a board that is published on Zenoh; see `link.ports`.
 
-    Parameters
-    ----------
-    rest : str
-        Id of the board, or name of its node; empty for the only published board.
-    options : Namespace, optional
-        Options of the command line; ``zenoh_config`` is a configuration file.
-
-    Returns
-    -------
-    Board
-
-    Raises
-    ------
-    SpotsError
-        If the board is not published, or `rest` is empty and several boards are published.
+    `rest` is the id of the board, or the name of its node; empty for the only published board.
+    SpotsError if the board is not published, or several are and `rest` is empty.
     """
     configure(options)
     domain = ros_domain()

@@ -104,21 +104,10 @@ def _print(mail: Mailbox, written: Callable[[str, str, Any], str], seconds: floa
 
 
 def _text(written: Callable[[str, str, Any], str], key: str, data: bytes) -> str | None:
-    """Return the line to print for a message.
+    """Return the line to print for a message of an untrusted sender.
 
-    Parameters
-    ----------
-    written : callable
-        ``written(topic, kind, message)`` formats a message.
-    key : str
-        Zenoh key of the message.
-    data : bytes
-        The message as CDR, from an untrusted sender.
-
-    Returns
-    -------
-    str or None
-        The line; empty if the message is not shown, None if the message is invalid.
+    The line is empty if the message is not shown, None if the message is invalid. ``written(topic,
+    kind, message)`` formats a message.
     """
     if len(data) > _MESSAGE_BYTES_MAX:
         return None

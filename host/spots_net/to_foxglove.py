@@ -20,19 +20,8 @@ _encode = msgspec.json.Encoder().encode
 class Foxglove:
     """Serves each kind of frame of each sensor as a topic, ``/spots/SENSOR/KIND``.
 
-    Clients cannot send anything: the server announces no service, parameter or asset.
-
-    Parameters
-    ----------
-    board : Board
-        The board.
-    address : str
-        Where to listen, ``HOST:PORT``.
-
-    Raises
-    ------
-    RequirementError
-        If the address cannot be used.
+    It listens on the address ``HOST:PORT``; RequirementError if this is impossible. Clients cannot
+    send anything: the server announces no service, parameter or asset.
     """
 
     def __init__(self, board: Board, address: str = ""):

@@ -15,17 +15,8 @@ class Lsl:
     """Streams each kind of frame of each sensor as an LSL stream of doubles.
 
     Streams are irregular: each sample has the time of the middle of its exposure, which the board's
-    clock measured, as a time of LSL's clock.
-
-    Parameters
-    ----------
-    board : Board
-        The board.
-
-    Attributes
-    ----------
-    outlets : dict of str to pylsl.StreamOutlet
-        The streams by source id, such as ``ID/0/touch``.
+    clock measured, as a time of LSL's clock. `outlets` has the streams by source id, such as
+    ``ID/0/touch``.
     """
 
     def __init__(self, board: Board):

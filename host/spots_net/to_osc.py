@@ -20,19 +20,8 @@ class Osc:
     ``/spots/SENSOR/touching`` is 1 while a finger touches. ``/spots/SENSOR/position_um`` and
     ``/spots/SENSOR/force_mN`` are sent while the reading is trusted. ``/spots/SENSOR/contact`` has
     a finger's number, state, position and force (0 if unknown); ``/spots/SENSOR/key`` has page,
-    usage, modifiers, and 1 for a press. Spectra are not sent.
-
-    Parameters
-    ----------
-    board : Board
-        The board.
-    address : str
-        Receiver, ``HOST:PORT``.
-
-    Raises
-    ------
-    RequirementError
-        If there is no such host.
+    usage, modifiers, and 1 for a press. Spectra are not sent. The address is the receiver's
+    ``HOST:PORT``; RequirementError if there is no such host.
     """
 
     def __init__(self, board: Board, address: str = ""):

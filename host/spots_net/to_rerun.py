@@ -22,19 +22,9 @@ class Rerun:
     """Sends position, force and counts of each sensor as columns of scalars.
 
     Entities are ``/spots/SENSOR/position_um``, ``…/force_mN`` and ``…/counts/CHANNEL``, on the
-    timeline ``time``, in UTC. Unknown values are left out.
-
-    Parameters
-    ----------
-    board : Board
-        The board.
-    address : str
-        URL of a viewer, ``rerun+http://HOST:PORT/proxy``, or a new file that ends with ``.rrd``.
-
-    Raises
-    ------
-    FileError, SettingError
-        If the file exists or cannot be written, or `address` is neither.
+    timeline ``time``, in UTC. Unknown values are left out. The address is the URL of a viewer,
+    ``rerun+http://HOST:PORT/proxy``, or a new file that ends with ``.rrd``; SettingError if it is
+    neither, FileError if the file exists or cannot be written.
     """
 
     def __init__(self, board: Board, address: str = _DEFAULT):

@@ -32,21 +32,11 @@ _PUBLISHERS_MAX = 1000  # of one board; anyone may declare more tokens
 class ZenohLink(ReplyingLink):
     """Receives the frames of a published board, and never writes to the board.
 
-    The frames are messages ``spots_msgs/Frame`` of ROS 2.
-
-    The publisher replies to the commands ``hello``, ``get`` and ``sync``. This link replies to
-    ``stream``, which only starts or stops the reception of all published frames, and ends with
-    each `reopen`. Other commands are refused. If the publisher disconnects or restarts, or the
-    board restarts, `read` raises PortLostError.
-
-    Parameters
-    ----------
-    session : zenoh.Session
-        An open session, which is closed with the link.
-    node : str
-        Name of the board's node.
-    domain : int
-        ROS domain.
+    The frames are messages ``spots_msgs/Frame`` of ROS 2. The publisher replies to the commands
+    ``hello``, ``get`` and ``sync``. This link replies to ``stream``, which only starts or stops the
+    reception of all published frames, and ends with each `reopen`. Other commands are refused. If
+    the publisher disconnects or restarts, or the board restarts, `read` raises PortLostError. The
+    session is closed with the link.
     """
 
     def __init__(self, session: zenoh.Session, node: str, domain: int):
@@ -84,12 +74,7 @@ class ZenohLink(ReplyingLink):
     def read(self, timeout_s: float) -> bytes:
         """Return the bytes that have arrived; wait up to `timeout_s` seconds for the first one.
 
-        Raises
-        ------
-        PortLostError
-            If the publisher disconnected or restarted, or the board restarted.
-        ClosedError
-            If this link is closed.
+        PortLostError if the publisher disconnected or restarted, or the board restarted.
         """
         mail = self._mail
         with mail.changed:
@@ -155,19 +140,10 @@ class ZenohLink(ReplyingLink):
         return {"stream": kinds}
 
     def ask(self, command: str, timeout_s: float) -> dict | None:
-        """Query the publisher for the reply to a command that changes nothing.
+        """Query the publisher for the reply to a command of `READ_ONLY`.
 
-        Parameters
-        ----------
-        command : str
-            Name of the command, a key of `READ_ONLY`.
-        timeout_s : float
-            Longest time to wait for the reply, in seconds.
-
-        Returns
-        -------
-        dict or None
-            The reply, or a dict with the key ``error``; None if no valid reply arrives in time.
+        The reply of a refused command has the key ``error``. None if no valid reply arrives in
+        time.
         """
         self._asked += 1
         mark = Attachment(self._asked, time.time_ns(), self._gid)
@@ -236,10 +212,7 @@ class ZenohLink(ReplyingLink):
 def _content(command: str, data: bytes) -> dict:
     """Return the board's reply in the response of a service, or a dict with the key ``error``.
 
-    Raises
-    ------
-    Exception
-        If the response is invalid; the parser raises exceptions of several kinds.
+    An invalid response raises exceptions of several kinds, from the parser.
     """
     response = store().deserialize_cdr(data, REPLY)
     content = decoded(response.message.encode())

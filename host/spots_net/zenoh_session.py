@@ -28,10 +28,7 @@ _FOUND_MAX = 16  # boards that are listed; anyone may publish under thousands of
 def open_session() -> zenoh.Session:
     """Open a session with the configuration file that ZENOH_CONFIG names, or with the defaults.
 
-    Raises
-    ------
-    FileError, RequirementError
-        If the file does not exist or is invalid, or no session can be opened.
+    FileError if the file is missing or invalid, RequirementError if no session can be opened.
     """
     path = os.environ.get(CONFIG_VARIABLE)
     if path:
@@ -74,24 +71,9 @@ def _check_config(path: str) -> None:
 def find(session: zenoh.Session, wanted: str, domain: int) -> str:
     """Wait until a board is published, and return the name of its node.
 
-    Parameters
-    ----------
-    session : zenoh.Session
-        An open session.
-    wanted : str
-        Id of the board, or name of the node; empty for the only published board.
-    domain : int
-        ROS domain.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    PortError, SettingError
-        If the board is not published within 3 s, or several boards are published and `wanted` is
-        empty.
+    `wanted` is the id of the board, or the name of the node; empty for the only published board.
+    PortError if the board is not published within 3 s, or if several boards are published and
+    `wanted` is empty.
     """
     if wanted and not is_name(wanted):
         raise SettingError(

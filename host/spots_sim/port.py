@@ -24,17 +24,7 @@ def __getattr__(name: str):
 
 
 def given(options: argparse.Namespace | None) -> argparse.Namespace:
-    """Return options of the command line, with the defaults of the simulator's options.
-
-    Parameters
-    ----------
-    options : argparse.Namespace or None
-        The options; None for the defaults.
-
-    Returns
-    -------
-    argparse.Namespace
-    """
+    """Return options of the command line, with the defaults of the simulator's options."""
     found = {**vars(options)} if options else {}
     found |= {name: one for name, one in _DEFAULTS.items() if found.get(name) is None}
     return argparse.Namespace(**found)

@@ -60,20 +60,8 @@ LOG.addFilter(_is_fault)
 class PageApp:
     """Web application that sends the state of the web UI to browsers; runs in one event loop.
 
-    Parameters
-    ----------
-    state : PageState
-        State to serve.
-    guard : Guard
-        Access control for all requests.
-    queues : dict of RequestQueue, optional
-        Handler of the requests to each path, such as ``strip``. These requests need the access
-        token.
-
-    Attributes
-    ----------
-    on_page : callable
-        Called with the transport of each connection that becomes a WebSocket.
+    The requests to each path of `queues`, such as ``strip``, need the access token. `on_page` is
+    called with the transport of each connection that becomes a WebSocket.
     """
 
     def __init__(

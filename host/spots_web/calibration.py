@@ -74,19 +74,11 @@ class Cancel(msgspec.Struct, tag_field="do", tag="cancel", forbid_unknown_fields
 class PageCalibration(RequestQueue):
     """Runs calibration sessions for browsers, one at a time, in the thread that reads the board.
 
-    Parameters
-    ----------
-    path : Path
-        Session file of strip 0. The calibration file has the same name with the suffix ``.toml``.
-        File names of any other strip contain its number, such as ``-1``, before the suffix.
-    state : PageState
-        State of the web UI; a session sets the parts ``calibration``, ``hold`` and ``spectrum``.
-
-    Raises
-    ------
-    FileError
-        If `path` is not the name of a file, the session file is damaged, or one of the two files
-        could not be written or is of another kind.
+    `path` is the session file of strip 0. The calibration file has the same name with the suffix
+    ``.toml``. File names of any other strip contain its number, such as ``-1``, before the suffix.
+    A session sets the parts ``calibration``, ``hold`` and ``spectrum`` of the state. FileError if
+    `path` is not the name of a file, the session file is damaged, or one of the two files could not
+    be written or is of another kind.
     """
 
     what = "a session"

@@ -15,11 +15,6 @@ class Connections:
     A connection is closed after `CONNECTION_S` seconds. A new connection beyond `CONNECTIONS_MAX`
     closes the oldest one. So a client that opens many connections and sends nothing cannot block
     browsers: a browser sends its request immediately, and reconnects if its connection is closed.
-
-    Parameters
-    ----------
-    protocol : callable
-        ``protocol()`` returns the asyncio protocol for a new connection.
     """
 
     def __init__(self, protocol: Callable[[], asyncio.Protocol]):

@@ -63,29 +63,9 @@ class FileEditor(RequestQueue):
     answer to a `Check`. ``_shown(info)`` returns further values for the web UI; `info` is the
     board's ``hello`` reply, or None without a board.
 
-    Parameters
-    ----------
-    path : Path
-        The file. If it does not exist, the first request that stores a text creates it.
-    kind : str
-        Kind of file for error messages, such as "layout".
-    part : str
-        Name of the part of `state` that describes the file, see `PageState.put`.
-    state : PageState
-        State of the web UI; only this part is set.
-    usual : str
-        Text to begin with if the file does not exist.
-
-    Attributes
-    ----------
-    text : str
-        Current text of the file.
-
-    Raises
-    ------
-    SpotsError
-        If the name of the file does not end in ``.toml``, or the file is invalid, or could not be
-        written.
+    If the file does not exist, `usual` is the text to begin with, and the first request that stores
+    a text creates the file. Only the part `part` of the state is set. FileError if the name of the
+    file does not end in ``.toml``, or the file is invalid, or could not be written.
     """
 
     request_max = 2 * _TEXT_MAX
@@ -196,19 +176,8 @@ class Characters(msgspec.Struct, tag_field="do", tag="characters", forbid_unknow
 class LayoutEditor(FileEditor):
     """Validates key layouts from browsers, and stores them on the board and in a file.
 
-    Parameters
-    ----------
-    path : Path
-        Layout file. If it does not exist, the first push creates it.
-    usual : KeyLayout
-        Layout to begin with if the file does not exist.
-    state : PageState
-        State of the web UI; its part ``editor`` is set, see `PageState.put`.
-
-    Raises
-    ------
-    SpotsError
-        If the name of the file does not end in ``.toml``, or the file is invalid.
+    If the file does not exist, `usual` is the layout to begin with. The part ``editor`` of the
+    state is set.
     """
 
     what = "the layout editor"
@@ -343,18 +312,9 @@ class Save(msgspec.Struct, tag_field="do", tag="save", forbid_unknown_fields=Tru
 class Kind(NamedTuple):
     """A kind of settings file, such as the settings of the controller.
 
-    Attributes
-    ----------
-    words : str
-        Name of the kind for error messages.
-    usual : Path
-        File to begin with if the user's file does not exist.
-    table : type
-        Struct that describes the file; the bounds of its fields are sent to browsers.
-    read : callable
-        ``read(text, path)`` returns the settings of a text, or raises SpotsError.
-    more : dict
-        Further values for the web UI, by name, such as the names of all gestures.
+    `words` names the kind in error messages. `usual` is the file to begin with. The bounds of the
+    fields of `table` are sent to browsers. ``read(text, path)`` returns the settings of a text, or
+    raises SpotsError. `more` has further values for the web UI, such as the names of all gestures.
     """
 
     words: str
@@ -384,19 +344,7 @@ KINDS = {
 class SettingsEditor(FileEditor):
     """Validates settings from browsers, and stores them in a file.
 
-    Parameters
-    ----------
-    name : str
-        Kind of settings, a key of `KINDS`; also the name of the part of `state`.
-    path : Path
-        Settings file. If it does not exist, the first request that stores settings creates it.
-    state : PageState
-        State of the web UI; its part with this name is set, see `PageState.put`.
-
-    Raises
-    ------
-    SpotsError
-        If the name of the file does not end in ``.toml``, or the file is invalid.
+    `name` is a key of `KINDS`, and the name of the part of the state.
     """
 
     what = "the editor of settings"

@@ -10,22 +10,10 @@ from spots_device.reading.decode import DARK_SAMPLES
 def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
     """Return the spectra of presses along the strip, computed from the board's calibration.
 
-    Parameters
-    ----------
-    board : Board
-        Board whose calibration is used.
-    info : dict
-        The board's reply to ``hello``.
-    dark : list of int
-        Dark frame from the board's reply to ``get``: sums of `DARK_SAMPLES` counts.
-
-    Returns
-    -------
-    dict or None
-        ``from_um`` and ``step_um``: first position and spacing; ``logs``: log2 of the counts at
-        each position, see `expect.expected`; ``dark``: dark counts per sample. None if the
-        calibration is unknown or invalid, or if `board.calibration` is not the one that the board
-        stores.
+    `dark` is that of the board's reply to ``get``: sums of `DARK_SAMPLES` counts; ``dark`` of the
+    result is per sample. ``logs`` are log2 of the counts at positions from ``from_um`` in steps of
+    ``step_um``, see `expect.expected`. None if the calibration is unknown or invalid, or if
+    `board.calibration` is not the one that the board stores.
     """
     lines = board.calibration
     if lines is None or checksum(lines) != info["calibration"]:

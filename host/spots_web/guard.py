@@ -26,22 +26,10 @@ class Guard:
     website. With DNS rebinding, the website's own domain name leads to this server; ``Host`` then
     contains that domain name. A website cannot forge these headers.
 
-    Parameters
-    ----------
-    address : str
-        IP address that the server listens on.
-    token : str or None
-        Access token: a secret that commands need. If other machines can reach the server, because
-        `address` is not a loopback address or `hosts` are given, all requests need the token. If
-        the token is None, all commands are refused.
-    hosts : sequence of str
-        Further names under which browsers reach this server, for example through a proxy: each a
-        ``Host`` header, such as ``spots.example.org`` or ``spots.example.org:8443``.
-
-    Raises
-    ------
-    SettingError
-        If one of `hosts` is not a host name.
+    Commands need the token; without one, all commands are refused. If other machines can reach the
+    server, because `address` is not a loopback address or `hosts` are given, all requests need the
+    token. `hosts` are further ``Host`` headers under which browsers reach this server, for example
+    through a proxy: ``spots.example.org`` or ``spots.example.org:8443``; SettingError otherwise.
     """
 
     def __init__(self, address: str, token: str | None, hosts: Sequence[str] = ()):
@@ -64,24 +52,8 @@ class Guard:
     async def check(self, request: web.Request, handler):
         """Pass a request to its handler, or refuse the request; a middleware for aiohttp.
 
-        Parameters
-        ----------
-        request : aiohttp.web.Request
-            The request.
-        handler : callable
-            ``handler(request)`` answers an allowed request.
-
-        Returns
-        -------
-        aiohttp.web.StreamResponse
-
-        Raises
-        ------
-        web.HTTPForbidden
-            If the request comes from another website, names an unknown host, or is a command
-            without the token.
-        web.HTTPUnauthorized
-            If the request needs the token and does not have it.
+        HTTPForbidden if the request comes from another website, names an unknown host, or is a
+        command without the token; HTTPUnauthorized if it needs the token for another reason.
         """
         if not self._knows(request):
             raise web.HTTPForbidden(

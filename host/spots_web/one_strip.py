@@ -13,21 +13,9 @@ from spots.link.readers import FrameIterator
 class OneStrip:
     """One strip of a board with several strips.
 
-    Attributes that this class does not define are those of the board.
-
-    Parameters
-    ----------
-    board : Board
-        Board with several strips.
-    sensor : int
-        Number of the strip.
-
-    Attributes
-    ----------
-    info : dict
-        The latest reply to ``hello`` for this strip; before the first one, that for strip 0.
-    calibration : list of str or None
-        Lines of the calibration that was uploaded to this strip, if known.
+    Attributes that this class does not define are those of the board. Before the first reply to
+    ``hello`` for this strip, `info` is that for strip 0. `calibration` has the lines that were
+    uploaded to this strip, if known.
     """
 
     def __init__(self, board: Board, sensor: int):

@@ -17,19 +17,8 @@ class PagePace:
 
     On a busy processor, a higher rate only makes messages wait longer. So after a message that was
     drawn late, the interval grows by 25 %; after any other message it shrinks by 1 %. Windows that
-    share a processor thus find the rate at which the processor can draw.
-
-    Parameters
-    ----------
-    now_s : callable
-        Function that returns the time in seconds.
-
-    Attributes
-    ----------
-    every_s : float
-        Interval between two messages, in seconds.
-    sent, drawn : int
-        Numbers of the last message that was sent, and of the last message that was drawn.
+    share a processor thus find the rate at which the processor can draw. `sent` and `drawn` are the
+    numbers of the last such messages.
     """
 
     def __init__(self, now_s: Callable[[], float]):

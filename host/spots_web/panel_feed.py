@@ -21,17 +21,10 @@ from .state import PageState
 
 
 class Source(NamedTuple):
-    """A board that a panel reads.
+    """A board that a panel reads; `on_touch` gets each reading.
 
-    Attributes
-    ----------
-    open_board : callable
-        Opens the board, see `BoardReader`.
-    on_touch : callable
-        ``on_touch(touch)`` is called with each reading.
-    on_loss : callable
-        ``on_loss(why)`` is called when the board cannot be read, except for the first board, whose
-        state is shown.
+    ``on_loss(why)`` is called when the board cannot be read, except for the first board, whose
+    state is shown.
     """
 
     open_board: Callable[[str | None], Board]
@@ -42,24 +35,8 @@ class Source(NamedTuple):
 class OpenPanels:
     """The panels of one web UI.
 
-    Parameters
-    ----------
-    state : PageState
-        State of the web UI.
-    options : Namespace
-        Options of ``spots serve``.
-
-    Attributes
-    ----------
-    requests : dict of RequestQueue
-        Handler of the requests to each panel, by path.
-    sources : list of Source or tuple
-        Boards to read in place of the one that ``--port`` names.
-
-    Raises
-    ------
-    SpotsError
-        If an option of a panel is wrong.
+    `requests` has the handler of the requests to each panel, by path. `sources` are boards to read
+    in place of the one that ``--port`` names. SpotsError if an option of a panel is wrong.
     """
 
     def __init__(self, state: PageState, options: Namespace):
@@ -106,20 +83,7 @@ def readers_of(
 ) -> list[BoardReader]:
     """Return a reader for each board of a panel; only the first one shows its strip.
 
-    Parameters
-    ----------
-    sources : sequence of Source or equal tuple
-        The boards.
-    layout : KeyLayout
-        Key layout to show.
-    state : PageState
-        State of the web UI.
-    **options
-        Further arguments of the first `BoardReader`.
-
-    Returns
-    -------
-    list of BoardReader
+    The options are those of the first `BoardReader`.
     """
     first, *others = (Source(*one) for one in sources)
     shown = BoardReader(first.open_board, layout, state, on_touch=first.on_touch, **options)

@@ -55,21 +55,9 @@ _NAME = re.compile("[a-z][a-z0-9-]*")
 class Panel:
     """A panel of another package, or the reason why it cannot be shown.
 
-    Parameters
-    ----------
-    entry : EntryPoint
-        Entry point that names the panel's class.
-
-    Attributes
-    ----------
-    name : str
-        Name of the panel. Its part of the state and its element are ``panel-NAME``.
-    kind : type or None
-        The class of the panel; None if it cannot be shown.
-    fault : str
-        Reason in one sentence; empty if the panel can be shown.
-    files : dict
-        Path of each file that browsers get, by its name.
+    Its part of the state and its element are ``panel-NAME``. If it cannot be shown, `kind` (its
+    class) is None, and `fault` the reason in one sentence; otherwise `fault` is empty. `files` has
+    the path of each file that browsers get, by its name.
     """
 
     def __init__(self, entry: EntryPoint):
@@ -110,10 +98,7 @@ class Panel:
     def open(self, show: Callable[[Any], None], options: Namespace) -> Any:
         """Return an object of the panel's class; None if the panel cannot be shown.
 
-        Raises
-        ------
-        SpotsError
-            If an option of the panel is wrong.
+        SpotsError if an option of the panel is wrong.
         """
         try:
             return self.kind and self.kind(show, options)

@@ -12,15 +12,7 @@ from .state import PageState
 
 
 class PagePractice(PageCalibration):
-    """Runs practice sessions for browsers, see `calibrate.session.practice`.
-
-    Parameters
-    ----------
-    options : Namespace
-        Options of the simulator.
-    state : PageState
-        State of the web UI, as for `PageCalibration`.
-    """
+    """Runs practice sessions for browsers, see `calibrate.session.practice`."""
 
     def __init__(self, options: Namespace, state: PageState):
         self._folder = TemporaryDirectory()

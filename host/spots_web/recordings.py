@@ -32,17 +32,8 @@ _POINTS = 1500  # most points of the recording's curve
 class Recordings(RequestQueue):
     """Starts, stops, lists, plays and compares recordings, as browsers request.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder for the recordings; each file name consists of date and board id.
-    state : PageState
-        State of the web UI; its part ``recording`` is set, see `PageState.put`.
-
-    Raises
-    ------
-    FileError
-        If the folder does not exist, or no file can be written into it.
+    The name of each file consists of date and board id. The part ``recording`` of the state is set.
+    FileError if the folder does not exist, or no file can be written into it.
     """
 
     what = "a recording"
@@ -86,10 +77,7 @@ class Recordings(RequestQueue):
     def attend(self, board: Board) -> bool:
         """Handle all waiting requests, and show the progress of a recording.
 
-        Returns
-        -------
-        bool
-            True if the reader must change to another recording, or back to the board.
+        True if the reader must change to another recording, or back to the board.
         """
         changed = super().attend(board)
         if self._recorder and self._pace.due(time.monotonic()):
@@ -203,12 +191,8 @@ class Recordings(RequestQueue):
 def _curve(path: Path) -> dict:
     """Return position and force over time, from the readings of strip 0 in a recording.
 
-    Returns
-    -------
-    dict
-        ``name``: file name; ``points``: at most `_POINTS` lists (time in s, position in um, force
-        in mN), where position and force are None without a press; ``cut``: whether the recording
-        has more than `_READ_MAX` readings.
+    ``points`` has at most `_POINTS` lists of time in s, position in um and force in mN; the latter
+    two are None without a press. With ``cut``, the recording has more than `_READ_MAX` readings.
     """
     parts, count = [], 0
     for block in RecordingBlocks(path):

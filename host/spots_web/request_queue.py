@@ -20,18 +20,10 @@ class RequestQueue:
     """Queue of requests from browsers with the access token; a subclass handles them.
 
     A subclass has its own `attend`, or the method ``_handle(board, request)``, which returns the
-    answer.
-
-    Attributes
-    ----------
-    stopping : bool
-        Whether the thread that runs `attend` must end; `attend` then returns soon.
-    playing : Path or None
-        Recording that is read instead of the board.
-    sensor : int
-        Number of the strip to show in detail and to change, on a board with several strips.
-    strip_settings : dict
-        New values for arguments of `strip_feed.StripFeed`, by name, such as a key layout.
+    answer. While `stopping`, the thread that runs `attend` must end; `attend` then returns soon.
+    `playing` is the recording that is read instead of the board. `sensor` is the strip to show in
+    detail and to change. `strip_settings` has new values for arguments of `strip_feed.StripFeed`,
+    by name.
     """
 
     what = "a request"  # for error messages
@@ -54,10 +46,7 @@ class RequestQueue:
     def attend(self, board: Board) -> bool:
         """Handle all waiting requests; the thread that reads the board calls this often.
 
-        Returns
-        -------
-        bool
-            Whether the board's settings, `sensor` or `playing` may have changed.
+        Returned is whether the board's settings, `sensor` or `playing` may have changed.
         """
         changed, before = False, (self.sensor, self.playing)
         while asked := self._next():
@@ -78,11 +67,8 @@ class RequestQueue:
     def submit(self, request: Any) -> Future:
         """Queue a request, from any thread.
 
-        Returns
-        -------
-        concurrent.futures.Future
-            Future with the answer: a dict, or None for a request without an answer. If the request
-            is refused, the future has a SpotsError as its exception.
+        The future has the answer: a dict, or None for a request without an answer. If the request
+        is refused, it has a SpotsError as its exception.
         """
         answer: Future = Future()
         try:

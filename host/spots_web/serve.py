@@ -242,22 +242,8 @@ def serve(
 ) -> None:
     """Print the address of the web UI, then serve the web UI until Ctrl-C or SIGTERM.
 
-    Parameters
-    ----------
-    state : PageState
-        State of the web UI to serve.
-    address : str
-        IP address to listen on, see `Server`.
-    port : int
-        TCP port to listen on; 0 for any free port.
-    readers : list of BoardReader
-        Readers that fill the state. This function starts and stops them.
-    on_start : callable, optional
-        ``on_start(url)`` is called when the web UI can be opened at `url`.
-    queues : dict of RequestQueue, optional
-        Handlers of the requests of browsers, see `Server`.
-    hosts : sequence of str
-        Further names of this server, see `Server`.
+    The readers fill the state; they are started and stopped here. ``on_start(url)`` is called when
+    the web UI can be opened. The other arguments are those of `Server`.
     """
 
     async def main():

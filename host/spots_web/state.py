@@ -14,15 +14,7 @@ EVENTS_KEPT = 512
 
 
 class Cursor(NamedTuple):
-    """Position of a client of the web UI: what the client has already read.
-
-    Attributes
-    ----------
-    version : int
-        Number of changes of parts that had been made when the client last read.
-    events : int
-        Number of events that had been added when the client last read.
-    """
+    """What a client of the web UI has read: numbers of changes of parts, and of events."""
 
     version: int
     events: int
@@ -101,15 +93,8 @@ class PageState:
 class OtherStrip(PageState):
     """Shows only the latest reading and warning of a strip, if another strip is shown in detail.
 
-    Parameters
-    ----------
-    state : PageState
-        State of the web UI; its part ``beside`` is set, see `PageState.put`.
-    sensor : int
-        Number of the strip.
-    strips : dict
-        Reading and warning of each strip, by number of the strip. All `OtherStrip` objects of a
-        board share this dict.
+    All objects of a board share the dict `strips`, by number of the strip, which is the part
+    ``beside`` of the state.
     """
 
     def __init__(self, state: PageState, sensor: int, strips: dict[int, dict]):

@@ -7,13 +7,7 @@ from .request_queue import RequestQueue
 
 
 class StripChoice(RequestQueue):
-    """Handles requests of browsers to choose one strip of a board with several strips.
-
-    Attributes
-    ----------
-    sensor : int
-        Number of the chosen strip.
-    """
+    """Handles requests of browsers to choose one strip of a board with several strips."""
 
     what = "the choice of a strip"
 

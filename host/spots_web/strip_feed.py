@@ -28,25 +28,11 @@ from .state import PageState
 class StripFeed:
     """Shows a board's readings in the web UI, with keys, gestures and gamepad computed from them.
 
-    Parameters
-    ----------
-    board : Board
-        The board that is read.
-    info : dict
-        The board's reply to ``hello``. If the board is not calibrated, only readings are shown.
-    state : PageState
-        State of the web UI; its parts ``touch``, ``keys``, ``stick`` and ``untrusted`` are set, and
-        events are added.
-    layout : KeyLayout
-        Key layout. If the board itself is a keyboard, the layout only shows where the keys are that
-        the board presses.
-    controller : ControllerSettings, optional
-        Settings of the gamepad; by default those of the package.
-    draft : callable
-        ``draft()`` returns None, or a draft: a key layout to try in addition to `layout`. A key
-        that the draft would press is shown as an event ``tried``.
-    gestures : Mapping, optional
-        The key that each gesture presses; a gesture is shown with the name of its key.
+    The parts ``touch``, ``keys``, ``stick`` and ``untrusted`` of the state are set, and events are
+    added. If the board is not calibrated, only readings are shown. If the board itself is a
+    keyboard, the layout only shows where the keys are that the board presses. ``draft()`` returns
+    None, or a key layout to try in addition: a key that it would press is shown as an event
+    ``tried``. A gesture is shown with the name of its key of `gestures`.
     """
 
     def __init__(
@@ -86,14 +72,8 @@ class StripFeed:
     def take(self, touch: Touch, now_s: float, fingers: Sequence[float] = ()) -> None:
         """Process a reading, and show the result in the web UI.
 
-        Parameters
-        ----------
-        touch : Touch
-            The next reading of the strip.
-        now_s : float
-            Time at which the reading arrived, in seconds, from `Board.now_s`.
-        fingers : sequence of float, optional
-            Positions of the fingers that the board reported for this reading, in um.
+        `now_s` is the time of its arrival by `Board.now_s`. `fingers` are positions in um that the
+        board reported for this reading.
         """
         self._state.put("touch", _message(touch, now_s, fingers))
         self._advice.take(touch, now_s)
@@ -123,15 +103,7 @@ class StripFeed:
         self._state.add_event({"kind": "tried", "name": _name(page, usage), "pressed": pressed})
 
     def take_spectrum(self, spectrum: Spectrum, now_s: float) -> None:
-        """Process the spectrum of the reading that `take` processed last.
-
-        Parameters
-        ----------
-        spectrum : Spectrum
-            The spectrum.
-        now_s : float
-            Time at which it arrived, as for `take`.
-        """
+        """Process the spectrum of the reading that `take` processed last."""
         self._advice.take(spectrum, now_s)
 
     def take_key(self, key: Key) -> None:
@@ -165,12 +137,7 @@ class StripFeed:
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
         """Show a key event in the web UI, with the key's zone in the layout.
 
-        Parameters
-        ----------
-        page, usage, modifiers : int
-            HID usage page, usage, and bits of all modifier keys that are down after the event.
-        pressed : bool
-            True for a press, False for a release.
+        The modifiers are those that are down after the event.
         """
         event = page, usage
         if pressed:
@@ -230,20 +197,7 @@ def _name(page: int, usage: int) -> str:
 
 
 def stored_layout(info: Mapping, layout: KeyLayout) -> str:
-    """Return which layout a board stores.
-
-    Parameters
-    ----------
-    info : Mapping
-        The board's reply to ``hello``.
-    layout : KeyLayout
-        The layout to compare with the stored one.
-
-    Returns
-    -------
-    str
-        ``this`` if the board stores `layout`, ``default`` if it stores no layout, else ``other``.
-    """
+    """Return ``this`` if a board stores `layout`, ``default`` if it stores none, else ``other``."""
     stored = info.get("layout")
     if stored is None:
         return "default"

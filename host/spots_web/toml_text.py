@@ -26,26 +26,9 @@ def edited(text: str, read: Callable[[str], dict], content: dict) -> str:
     """Return the text of a TOML file after a change of its content.
 
     Comments, line ends, spaces and the notation of unchanged values are kept. If that is not
-    possible, all of the text is written again, without comments.
-
-    Parameters
-    ----------
-    text : str
-        Valid text of the file; empty for a new file.
-    read : callable
-        ``read(text)`` returns the content of a text, or raises SpotsError if it is invalid.
-    content : dict
-        New content of the file.
-
-    Returns
-    -------
-    str
-        The new text. If `content` is invalid, ``read`` raises SpotsError for this text.
-
-    Raises
-    ------
-    SettingError
-        If `content` cannot be written as TOML.
+    possible, all of the text is written again, without comments. `text` is empty for a new file.
+    ``read(text)`` returns the content of a text, or raises SpotsError, also for a new content that
+    is invalid. SettingError if the content cannot be written as TOML.
     """
     was = read(text) if text else {}
     if was == content:
@@ -63,17 +46,7 @@ def edited(text: str, read: Callable[[str], dict], content: dict) -> str:
 
 
 def lost_comments(before: str, after: str) -> int:
-    """Count the comments that a change of a TOML text removes.
-
-    Parameters
-    ----------
-    before, after : str
-        The text before and after the change.
-
-    Returns
-    -------
-    int
-    """
+    """Count the comments that a change of a TOML text removes."""
     return (Counter(toml.comments(before)) - Counter(toml.comments(after))).total()
 
 

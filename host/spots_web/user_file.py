@@ -10,19 +10,10 @@ from spots.errors import FileError, SpotsError
 
 
 class UserFile:
-    """A text file whose encoding, byte order mark and line ends are kept.
+    """A text file whose encoding, byte order mark and line ends are kept; it need not exist.
 
-    Parameters
-    ----------
-    path : Path
-        Path of the file, which need not exist.
-    kind : str
-        Kind of file for error messages, such as "layout".
-
-    Raises
-    ------
-    FileError
-        If the name of the file does not end in ``.toml``, or the file could not be written.
+    FileError if its name does not end in ``.toml``, or the file could not be written. `kind` names
+    the kind of file in error messages.
     """
 
     def __init__(self, path: Path, kind: str):
@@ -37,10 +28,7 @@ class UserFile:
     def read(self) -> str | None:
         """Return the text of the file with its line ends; None if the file does not exist.
 
-        Raises
-        ------
-        FileError
-            If the file cannot be read as text, is not a regular file, or is too large.
+        FileError if the file cannot be read as text, is not a regular file, or is too large.
         """
         try:
             data = read_bytes(self.path, TOML_MAX_BYTES)
@@ -72,11 +60,7 @@ class UserFile:
         """Replace the file atomically, when a ``with`` block ends without an exception.
 
         The text is on the disk before the block begins, so a full disk is reported first.
-
-        Raises
-        ------
-        SpotsError
-            If the file cannot be written, or another program has changed it. It is then unchanged.
+        ChangedError if another program has changed the file, which then stays unchanged.
         """
         data = self._mark + text.encode(self._encoding)
         with atomic.replacing(self.path, self._content, was=self._known) as file:

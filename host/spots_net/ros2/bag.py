@@ -22,19 +22,7 @@ _ERROR_S = float("nan")  # a recording does not say how well the clocks were com
 
 
 def write(description: Description, records: Records, out: Path, files: Files) -> None:
-    """Write an MCAP file with the profile ``ros2``: messages in CDR, definitions as ``ros2msg``.
-
-    Parameters
-    ----------
-    description : Description
-        Facts about the recording.
-    records : iterable of (Table, tuple)
-        Rows of its tables.
-    out : Path
-        The new file.
-    files : Files
-        New files that appear together.
-    """
+    """Write an MCAP file with the profile ``ros2``: messages in CDR, definitions as ``ros2msg``."""
     header = description.header
     name = node_name(header.info["id"])
     writer = Writer(files.new(out))

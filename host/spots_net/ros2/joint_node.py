@@ -17,17 +17,8 @@ class JointNode:
     """A node with the topics ``/NAME/joint_states`` and ``/NAME/end_point``.
 
     ``sensor_msgs/JointState`` has the angles in rad, and ``geometry_msgs/PointStamped`` the end
-    point of a linkage in m, while there is one. The ROS domain is ROS_DOMAIN_ID, or 0.
-
-    Parameters
-    ----------
-    name : str
-        Name of the node.
-
-    Raises
-    ------
-    SettingError, RequirementError
-        If ROS_DOMAIN_ID is wrong, or Zenoh does not start.
+    point of a linkage in m, while there is one. The ROS domain is ROS_DOMAIN_ID, or 0. SettingError
+    if it is wrong, RequirementError if Zenoh does not start.
     """
 
     def __init__(self, name: str = "spots_twin"):
@@ -42,15 +33,7 @@ class JointNode:
             self.close = own.pop_all().close
 
     def put_angles(self, angles_rad: dict[str, float], utc_s: float) -> None:
-        """Publish angles of joints.
-
-        Parameters
-        ----------
-        angles_rad : dict
-            Angle of each joint in rad, by the joint's name.
-        utc_s : float
-            Time of the measurement, in seconds since 1970.
-        """
+        """Publish angles by the joints' names, measured at `utc_s` (seconds since 1970)."""
         if self._joints.wanted:
             made = store().types
             angles, unknown = np.array([*angles_rad.values()]), np.array([])
@@ -58,15 +41,7 @@ class JointNode:
             self._joints.put(packed(message), round(1e9 * utc_s))
 
     def put_point(self, x_mm: float, y_mm: float, utc_s: float) -> None:
-        """Publish the end point of a linkage.
-
-        Parameters
-        ----------
-        x_mm, y_mm : float
-            Its position in mm.
-        utc_s : float
-            Time of the measurement, in seconds since 1970.
-        """
+        """Publish the end point of a linkage, measured at `utc_s` (seconds since 1970)."""
         if self._point.wanted:
             made = store().types
             place = made["geometry_msgs/msg/Point"](x_mm / 1e3, y_mm / 1e3, 0.0)

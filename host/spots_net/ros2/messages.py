@@ -38,16 +38,8 @@ TOPICS: Mapping[str, Sequence[str]] = {
 class Strip(NamedTuple):
     """What messages of a strip contain besides its frames.
 
-    Attributes
-    ----------
-    frame_id : str
-        Coordinate frame of the messages: x along the strip from the sensor's end, z out of it.
-    channels : sequence of str
-        Names of the channels of the six ADCs.
-    exposure_us : int
-        Integration time in us.
-    dark : sequence of float
-        Six dark counts; NaN if unknown.
+    In the coordinate frame `frame_id`, x is along the strip from the sensor's end, and z out of it.
+    `channels` are the names of the six ADCs' channels, `dark` their dark counts; NaN if unknown.
     """
 
     frame_id: str
@@ -67,25 +59,9 @@ def messages(
     """Yield the messages for a frame, with the last part of their topics' names.
 
     A touch is a ``reading``. Unless it is untrusted, it is also a ``wrench``, which is zero without
-    a touch, and with a touch a ``point``.
-
-    Parameters
-    ----------
-    kind : str
-        Name of the frame's table in `spots.recording.table`.
-    values : dict
-        Values by column, as `spots_net.outlet.values` returns them.
-    utc_s : float
-        Time of the measurement, in seconds since 1970.
-    error_s : float
-        Largest error of this time by the board's clock, in seconds; NaN or infinite if unknown.
-    strip : Strip
-        The strip that the frame is of.
-
-    Yields
-    ------
-    tuple of str and message
-        The messages have the types that `types` returns.
+    a touch, and with a touch a ``point``. `kind` is the frame's table in `spots.recording.table`;
+    the values are those of `spots_net.outlet.values`. `error_s` is the largest error of the time
+    `utc_s` by the board's clock; NaN or infinite if unknown.
     """
     made = store().types
     head = header(utc_s, strip.frame_id)
@@ -123,39 +99,14 @@ def messages(
 
 
 def frame_message(data: bytes, restarts: int) -> Any:
-    """Return the message for bytes that a board has sent.
-
-    Parameters
-    ----------
-    data : bytes
-        Whole frames.
-    restarts : int
-        Number of restarts of the board.
-
-    Returns
-    -------
-    message
-        Its type is `FRAME`.
-    """
+    """Return the message `FRAME` for whole frames that a board has sent."""
     return store().types[FRAME](restarts, np.frombuffer(data, np.uint8))
 
 
 def diagnostics(board: Board, node: str, utc_s: float) -> Any:
-    """Return a message with the state of a board and the counters of its link.
+    """Return the message `DIAGNOSTICS`, with a board's state and the counters of its link.
 
-    Parameters
-    ----------
-    board : Board
-        The board.
-    node : str
-        Name of its node.
-    utc_s : float
-        The present time, in seconds since 1970.
-
-    Returns
-    -------
-    message
-        Its type is `DIAGNOSTICS`, which rqt_robot_monitor shows.
+    rqt_robot_monitor shows it.
     """
     made = store().types
     status = made["diagnostic_msgs/msg/DiagnosticStatus"]

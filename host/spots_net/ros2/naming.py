@@ -64,22 +64,7 @@ def service_name(node: str, command: str) -> str:
 
 
 def ros_domain(text: str = "") -> int:
-    """Return a ROS domain.
-
-    Parameters
-    ----------
-    text : str
-        The domain; ROS_DOMAIN_ID, or 0, if empty.
-
-    Returns
-    -------
-    int
-
-    Raises
-    ------
-    SettingError
-        If the domain is not a number from 0 to 232.
-    """
+    """Return a ROS domain from 0 to 232; without `text`, ROS_DOMAIN_ID, or 0."""
     text = text or os.environ.get("ROS_DOMAIN_ID") or "0"
     if not (text.isascii() and text.isdecimal() and int(text[-9:]) <= _DOMAIN_MAX >= len(text)):
         raise SettingError(
@@ -90,15 +75,10 @@ def ros_domain(text: str = "") -> int:
 
 
 class Qos(NamedTuple):
-    """Quality of service of topics.
+    """Quality of service of topics; a subscriber stores `depth` messages.
 
-    Attributes
-    ----------
-    reliable : bool
-        Whether the topic is announced as reliable: a message that is lost is sent again.
-        Both kinds drop messages that the network does not take in time.
-    depth : int
-        Number of messages that a subscriber stores.
+    A message of a reliable topic that is lost is sent again. Both kinds drop messages that the
+    network does not take in time.
     """
 
     reliable: bool = False
@@ -126,22 +106,9 @@ class Node(NamedTuple):
         return f"@ros2_lv/{self.domain}/{self.zid}/0/0/NN/%/%/{self.name}"
 
     def token_of(self, entity: str, number: int, topic: "Topic", qos: str) -> str:
-        """Return the key of the liveliness token that shows a publisher or a service.
+        """Return the key of the liveliness token that shows a publisher (MP) or a service (SS).
 
-        Parameters
-        ----------
-        entity : {"MP", "SS"}
-            Publisher or service.
-        number : int
-            Number of the entity in the node, from 1.
-        topic : Topic
-            Topic of the publisher, or the service.
-        qos : str
-            See `Qos.token`.
-
-        Returns
-        -------
-        str
+        The entities of a node are numbered from 1. `qos` is that of `Qos.token`.
         """
         mangled = topic.name.replace("/", "%")
         return (
@@ -162,19 +129,7 @@ class Topic(NamedTuple):
         return f"{domain}/{self.name.lstrip('/')}/{dds(self.kind)}/{self.type_hash}"
 
     def tokens(self, domain: int, node: str) -> str:
-        """Return the expression that selects the tokens of the publishers of this type.
-
-        Parameters
-        ----------
-        domain : int
-            ROS domain.
-        node : str
-            Name of the publishers' node; "*" for all.
-
-        Returns
-        -------
-        str
-        """
+        """Return the expression that selects the tokens of this type's publishers; "*" is any."""
         return f"@ros2_lv/{domain}/*/*/*/MP/*/*/{node}/*/{dds(self.kind)}/{self.type_hash}/*"
 
 
@@ -192,14 +147,8 @@ def dds(kind: str) -> str:
 class Attachment(NamedTuple):
     """What accompanies each message.
 
-    Attributes
-    ----------
-    sequence : int
-        Number of the message, from 1; number of the request in a response to it.
-    time_ns : int
-        Source time, in ns since 1970.
-    gid : bytes
-        Id of the publisher, or of the client that sent the request.
+    `sequence` counts from 1; in a response, it is that of the request. `time_ns` is since 1970.
+    `gid` is the id of the publisher, or of the client that sent the request.
     """
 
     sequence: int
@@ -212,18 +161,7 @@ class Attachment(NamedTuple):
 
 
 def unpacked(data: Any) -> Attachment | None:
-    """Return the attachment of a message from an untrusted sender.
-
-    Parameters
-    ----------
-    data : bytes, zenoh.ZBytes or None
-        The attachment, of any length.
-
-    Returns
-    -------
-    Attachment or None
-        None if it is not an attachment of rmw_zenoh.
-    """
+    """Return the attachment of a message from an untrusted sender; None if it is invalid."""
     if data is None or len(data) != _HEAD.size + GID_BYTES:
         return None
     data = bytes(data)

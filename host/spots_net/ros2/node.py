@@ -15,17 +15,7 @@ _SERVICE_QOS = "::,10:,:,:,,"  # all fields are the default
 
 
 class RosNode:
-    """A node with its publishers and services, which end with it.
-
-    Parameters
-    ----------
-    session : zenoh.Session
-        An open session.
-    domain : int
-        ROS domain.
-    name : str
-        Name of the node.
-    """
+    """A node with its publishers and services, which end with it."""
 
     def __init__(self, session: zenoh.Session, domain: int, name: str):
         self._session, self._numbers = session, count(1)
@@ -42,15 +32,7 @@ class RosNode:
         return made
 
     def service(self, topic: Topic, handle: Callable[[zenoh.Query], None]) -> None:
-        """Declare a service, and the token that shows it.
-
-        Parameters
-        ----------
-        topic : Topic
-            The service.
-        handle : callable
-            Receives each request, in one of Zenoh's threads.
-        """
+        """Declare a service, and the token that shows it; Zenoh's threads call `handle`."""
         queryable = self._session.declare_queryable(
             topic.key(self._node.domain), direct(handle), complete=True
         )
@@ -85,15 +67,9 @@ class Sender:
         return self._publisher.matching_status.matching
 
     def put(self, data: bytes, time_ns: int | None = None) -> None:
-        """Publish a message.
+        """Publish a message in CDR; without `time_ns` (since 1970), it has the present time.
 
-        Parameters
-        ----------
-        data : bytes
-            The message as CDR. Not a str: while Zenoh converts one, it swallows the exception of
-            a Ctrl-C.
-        time_ns : int, optional
-            Source time in ns since 1970; the present time if not given.
+        Not a str: while Zenoh converts one, it swallows the exception of a Ctrl-C.
         """
         if time_ns is None:
             time_ns = time.time_ns()

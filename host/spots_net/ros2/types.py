@@ -22,10 +22,7 @@ EMPTY = b"\0\1\0\0\0"
 def store() -> typesys.store.Typestore:
     """Return the types of ROS 2 Jazzy, and `OWN`.
 
-    Returns
-    -------
-    rosbags.typesys.store.Typestore
-        It serializes messages to CDR, and computes the type hashes (RIHS01) of ROS 2.
+    The store serializes messages to CDR, and computes the type hashes (RIHS01) of ROS 2.
     """
     made = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
     for name in OWN:

@@ -23,18 +23,10 @@ _Time = Annotated[float, msgspec.Meta(ge=0, le=10_000_000)]
 class Cpu(toml.Strict):
     """Processor times of a board.
 
-    Attributes
-    ----------
-    call_us : dict of str to float or dict
-        Time of each function in us, by the function's name in the firmware's package. If it calls
-        another function of this dict, the time of that function is not included. Some functions
-        have a dict of times by kind of call, see ``boards/_virtual/_cpu.py``.
-    bus_us : float
-        Processor time of an I2C transfer in us, in addition to the time of its bits on the wire.
-    like : str or None
-        Name of another processor. Its times, multiplied by `times`, are those of this processor.
-    times : float
-        Factor of all times.
+    `call_us` has the time of each function of the firmware's package by name, without that of other
+    functions in it; some functions have times by kind of call, see ``boards/_virtual/_cpu.py``.
+    `bus_us` is the time of an I2C transfer in addition to its bits on the wire. With `like`, the
+    times are those of another processor multiplied by `times`.
     """
 
     call_us: dict[str, _Time | dict[str, _Time]] = {}
@@ -61,24 +53,9 @@ class _CpusFile(toml.Strict):
 
 
 def load(name: str, board: str) -> Cpu:
-    """Return a processor of `data/cpus.toml`.
+    """Return a processor of `data/cpus.toml`, such as ``pico``, for a virtual board.
 
-    Parameters
-    ----------
-    name : str
-        Name of the processor, such as ``pico``.
-    board : str
-        Name of the virtual board that will have this processor.
-
-    Returns
-    -------
-    Cpu
-        The processor's times.
-
-    Raises
-    ------
-    SettingError
-        If there is no such processor, or the board runs CircuitPython, whose times are unknown.
+    SettingError if it is unknown, or if the board runs CircuitPython, whose times are unknown.
     """
     known = toml.checked(_FILE.read_text(encoding="utf-8"), _CpusFile, "processor", _FILE).cpus
     if name not in known:

@@ -55,14 +55,9 @@ class BoardPort(Protocol):
 
 
 class PowerLostError(BaseException):
-    """Interrupts the firmware at a power failure.
+    """Interrupts the firmware for `off_us` at a power failure.
 
     It is derived from `BaseException`, because the firmware may catch any `Exception`.
-
-    Attributes
-    ----------
-    off_us : float
-        Duration of the power failure in us.
     """
 
     def __init__(self, off_us: float):
@@ -73,27 +68,9 @@ class PowerLostError(BaseException):
 class CPythonBoard:
     """A virtual board whose firmware runs in this process.
 
-    Each board has its own file system and its own copy of the firmware's modules.
-
-    Parameters
-    ----------
-    board_id : str
-        Unique id of the board, hexadecimal.
-    bus : bus.I2CBus or faults.FaultyBus
-        I2C bus with the simulated sensor.
-    usb : usb.UsbHost
-        Computer that gets the USB reports.
-    port : BoardPort
-        The board's end of its serial port.
-    faults : faults.BoardFaults, optional
-        Faults of power and clock.
-    folder : Path, optional
-        File system for settings and calibration. By default a temporary folder, which `close`
-        removes.
-    cpu : cpu.Cpu, optional
-        Processor time of the firmware, on a simulated clock.
-    second : bus.I2CBus, optional
-        Second I2C bus, of a board with two strips.
+    Each board has its own file system and its own copy of the firmware's modules. `board_id` is
+    hexadecimal. Without `folder`, the file system is a temporary folder, which `close` removes.
+    `second` is the bus of a second strip.
     """
 
     def __init__(
@@ -216,15 +193,7 @@ def _load(folder: Path) -> str:
 
 
 def use_folder(store: ModuleType, folder: Path) -> None:
-    """Make a copy of the firmware's module `store` use a folder as its file system.
-
-    Parameters
-    ----------
-    store : module
-        The copy.
-    folder : Path
-        The folder.
-    """
+    """Make a copy of the firmware's module `store` use a folder as its file system."""
     replaced: dict[str, object] = {
         "open": lambda path, mode: open(folder / path, mode),
         "os": SimpleNamespace(

@@ -105,17 +105,7 @@ class SocketPort:
 
 
 class NoisyPort:
-    """Damages the bytes of another port.
-
-    Parameters
-    ----------
-    port : BoardPort
-        Port whose bytes to damage.
-    faults : Faults
-        Faults of the scenario.
-    clock : RealClock
-        Clock of the faults.
-    """
+    """Damages the bytes of another port as the scenario's faults describe."""
 
     def __init__(self, port: BoardPort, faults: Faults, clock: RealClock):
         self._port, self._faults, self._clock = port, faults, clock
@@ -129,22 +119,7 @@ class NoisyPort:
 
 
 def main(sensor_name: str, scenario_name: str, seed: int, strips: int) -> None:
-    """Run a virtual board until standard input closes or the parent ends.
-
-    Parameters
-    ----------
-    sensor_name, scenario_name : str
-        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
-    seed : int
-        Random seed of noise and faults.
-    strips : int
-        Number of strips on the board, 1 or 2.
-
-    Raises
-    ------
-    SpotsError
-        If a file is missing or invalid.
-    """
+    """Run a virtual board until standard input closes or the parent ends; see `realtime.main`."""
     ended = threading.Event()
     when_parent_ends(ended.set)
     sensor = load(SensorFile, sensor_name)

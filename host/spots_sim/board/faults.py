@@ -43,13 +43,8 @@ _BUS_TIMEOUT_US = 50_000.0
 class FaultLedger:
     """Counts and times of all faults since the start of the run.
 
-    Attributes
-    ----------
-    counts : collections.Counter
-        Number of faults by kind, such as ``to_host.flip`` (bytes), ``i2c.nack`` (transfers) or
-        ``power.brown_outs``.
-    spells : list of (str, float, float)
-        Kind, start in us and end in us of each fault that lasts (burst, outage, restart).
+    `counts` is by kind, such as ``to_host.flip`` (bytes), ``i2c.nack`` (transfers) or
+    ``power.brown_outs``. `spells` has kind, start in us and end in us of each fault that lasts.
     """
 
     counts: Counter = field(default_factory=Counter)
@@ -59,20 +54,9 @@ class FaultLedger:
 class Spells:
     """The intervals in which a fault acts. Call the methods with times that never decrease.
 
-    Parameters
-    ----------
-    moments : files.Moments
-        Fixed and random times at which the fault starts, and its duration.
-    seconds : float
-        Duration of the scenario in seconds, after which the times `moments.at_s` repeat.
-    from_s : float
-        Earliest start of an interval, in seconds.
-    rng : numpy.random.Generator
-        Generator of the random times; must not be used for anything else.
-    kind : str
-        Name of the fault in the ledger.
-    ledger : FaultLedger
-        Records each interval that has begun.
+    `seconds` is the duration of the scenario, after which the times `moments.at_s` repeat; no
+    interval starts before `from_s`. Nothing else may use `rng`: the intervals depend only on its
+    seed.
     """
 
     def __init__(
@@ -127,28 +111,8 @@ class Damage:
     """Damages the bytes that a link sends in one direction.
 
     The damage depends on the time of each byte, but not on how the bytes are split into calls.
-
-    Parameters
-    ----------
-    file : files.SerialFaults
-        Shares of damaged bytes, in per cent.
-    bursts : Spells
-        Intervals with dense damage.
-    from_s : float
-        Start of the damage in seconds.
-    rng : numpy.random.Generator
-        Generator of the damage.
-    kind : str
-        Name of the direction in the ledger, such as ``to_host``.
-    ledger : FaultLedger
-        Counts the damaged bytes.
-
-    Attributes
-    ----------
-    passed : int
-        Number of bytes sent since the start.
-    touched : collections.deque of int
-        Indices of the most recently damaged bytes, counted from 0 at the start of the stream.
+    `kind` names the direction in the ledger, such as ``to_host``. `touched` has the indices of the
+    most recently damaged bytes, counted from 0 at the start of the stream.
     """
 
     _KEPT = 1 << 20
@@ -223,15 +187,7 @@ class FaultyLink(LinkWrapper):
 
 
 class FaultyBus:
-    """A `bus.I2CBus` whose transfers fail or are damaged.
-
-    Parameters
-    ----------
-    bus : bus.I2CBus
-        Bus without faults.
-    faults : Faults
-        Faults of the run.
-    """
+    """A `bus.I2CBus` whose transfers fail or are damaged."""
 
     def __init__(self, bus: I2CBus, faults: Faults):
         self.bus = bus
@@ -270,18 +226,7 @@ class FaultyBus:
         return self._with_a_wrong_bit(self.bus.read(address, size), 0, wrong)
 
     def lines(self, scl: int, sda: int) -> int:
-        """Set the levels of SCL and SDA, and return the level of SDA, as `bus.I2CBus.lines` does.
-
-        Parameters
-        ----------
-        scl, sda : int
-            1 releases the wire, 0 pulls it low.
-
-        Returns
-        -------
-        int
-            Level of SDA, 0 or 1.
-        """
+        """As `bus.I2CBus.lines`, but SDA may be held low until SCL has been clocked."""
         level = self.bus.lines(scl, sda)
         if not self._sda_is_held():
             return level
@@ -342,15 +287,7 @@ class FaultyBus:
 class BoardFaults:
     """Faults of a board's power and clock; call `step` before each transfer or wait of the board.
 
-    Parameters
-    ----------
-    faults : Faults
-        Faults of the run.
-
-    Attributes
-    ----------
-    rate : float
-        Seconds that the board's clock counts in one true second.
+    `rate` is the number of seconds that the board's clock counts in one true second.
     """
 
     def __init__(self, faults: Faults):
@@ -360,18 +297,10 @@ class BoardFaults:
         self._brown_outs = faults.spells("power.brown_outs")
 
     def step(self, bus) -> float | None:
-        """Apply the faults that have begun.
+        """Apply the faults that have begun; return the duration of a brown-out in us, or None.
 
-        Parameters
-        ----------
-        bus : I2CBus or FaultyBus
-            Bus of the board, with its chip and clock.
-
-        Returns
-        -------
-        float or None
-            Duration of a brown-out in us, or None without a brown-out. The caller must stop the
-            board, wait for this duration, call `bus.chip.power_on` and boot the board.
+        At a brown-out, the caller must stop the board, wait for this duration, call
+        `bus.chip.power_on` and boot the board.
         """
         now_us = bus.clock.now_us()
         while spell := self._stalls.begun(now_us):
@@ -385,24 +314,7 @@ class BoardFaults:
 
 
 class Faults:
-    """All faults of one run of a virtual board.
-
-    Parameters
-    ----------
-    file : files.FaultsFile
-        Faults as the scenario file lists them.
-    seconds : float
-        Duration of the scenario in seconds.
-    seed : int
-        Random seed of the faults.
-
-    Attributes
-    ----------
-    ledger : FaultLedger
-        Counts of all faults since the start of the run.
-    to_host, to_board : Damage
-        Damage to the bytes in each direction.
-    """
+    """All faults of one run of a virtual board; `seconds` is the duration of the scenario."""
 
     def __init__(self, file: FaultsFile, seconds: float, seed: int = 0):
         self.file = file
@@ -428,18 +340,5 @@ class Faults:
 
 
 def of_scenario(file: ScenarioFile, seed: int) -> Faults | None:
-    """Return the faults of a scenario file.
-
-    Parameters
-    ----------
-    file : ScenarioFile
-        The scenario.
-    seed : int
-        Random seed of the faults.
-
-    Returns
-    -------
-    Faults or None
-        None if the file has no faults.
-    """
+    """Return the faults of a scenario file; None if it has no faults."""
     return Faults(file.faults, file.seconds, seed) if file.faults else None

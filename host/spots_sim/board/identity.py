@@ -41,16 +41,8 @@ _LATER = {
 def board_id(sensor: SensorFile, number: int = 0) -> str:
     """Return the id of a virtual board: 8 bytes in hexadecimal.
 
-    Parameters
-    ----------
-    sensor : SensorFile
-        Sensor file of the board's strip; the table ``[change]`` does not affect the id.
-    number : int
-        Number that distinguishes boards with the same sensor file, such as the seed.
-
-    Returns
-    -------
-    str
+    `number`, such as the seed, distinguishes boards with the same sensor file. The table
+    ``[change]`` does not affect the id: a changed strip is on the same board.
     """
     keys = msgspec.to_builtins(sensor)
     del keys["change"]

@@ -15,19 +15,9 @@ FOLDER = "SPOTS_CALIBRATIONS"
 
 
 def kept_folder(name: str, make: Callable[[Path], object]) -> Path | None:
-    """Return a stored folder; the first process that needs the folder makes it.
+    """Return a stored folder, which ``make(path)`` of the first process that needs it fills.
 
-    Parameters
-    ----------
-    name : str
-        Name of the folder.
-    make : callable
-        ``make(path)`` fills an empty folder.
-
-    Returns
-    -------
-    Path or None
-        The folder; None if the environment variable SPOTS_CALIBRATIONS is not set.
+    None if the environment variable SPOTS_CALIBRATIONS is not set.
     """
     root = os.environ.get(FOLDER)
     if not root:

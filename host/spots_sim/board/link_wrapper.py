@@ -8,13 +8,7 @@ from spots.link.link import Link
 
 
 class LinkWrapper:
-    """A link that delegates each call to another link; the base class of wrappers.
-
-    Parameters
-    ----------
-    link : Link
-        The link to wrap.
-    """
+    """A link that delegates each call to another link; the base class of wrappers."""
 
     def __init__(self, link: Link):
         self._link = link
@@ -46,16 +40,7 @@ class LinkWrapper:
 
 
 class Tap(LinkWrapper):
-    """A wrapper of a link that passes a copy of all received data to a function.
-
-    Parameters
-    ----------
-    link : Link
-        The link to wrap.
-    look : callable
-        ``look(data, now_s)`` is called after each read, with the received bytes and the time of
-        the link's clock in s.
-    """
+    """A link that calls ``look(data, now_s)`` after each read; `now_s` is the link's clock."""
 
     def __init__(self, link: Link, look: Callable[[bytes, float], None]):
         super().__init__(link)

@@ -25,43 +25,20 @@ from .usb import UsbHost
 class LockstepLink:
     """The serial port of a virtual board in simulated time, as a `spots.link.link.Link`.
 
-    It never raises PortLostError, so it has no methods to open its port again.
+    It never raises PortLostError, so it has no methods to open its port again. Time 0 of the
+    scenario is power-on; the firmware starts at `started_s`. Without `folder`, the board's file
+    system is a temporary folder with the firmware. `faults` are those of bus and board; for damaged
+    or lost bytes, use `faults.FaultyLink`. With `warm`, the LED has its final temperature from the
+    start.
 
-    Parameters
-    ----------
-    sensor : files.SensorFile
-        Simulated sensor.
-    scenario : scenario.Scenario or scenario.Held
-        Fingers, strain and light over time; its time 0 is power-on.
-    seed : int
-        Random seed of all noise.
-    folder : Path, optional
-        File system of the board. By default a temporary folder with the firmware.
-    started_s : float
-        Time in seconds from power-on of sensor and LED to the start of the firmware.
-    board : str
-        Name of the virtual board, ``virtual`` or ``virtual_circuitpython``.
-    faults : faults.Faults, optional
-        Faults of bus and board. For damaged or lost bytes, use `faults.FaultyLink`.
-    busy_us : float or callable, optional
-        Processor time of one loop pass in us, on MicroPython only; 0 by default. The time passes
-        before each read of registers except those of the FIFO. After a read of the FIFO, it passes
-        for each sample that was read. With a function ``busy_us(free_bytes) -> float``, the board
-        reports its number of free heap bytes at each transfer, which doubles the run time.
-    warm : bool, optional
-        True if the LED has its final temperature from the start; False if it warms up first.
-    cpu : str, optional
-        Name of a processor, see `cpu.load`: the firmware is as slow as on this processor. By
-        default, only transfers and sleeps take time.
-    second : tuple, optional
-        Scenario and seed of a second strip on this board. Both strips have the same sensor file.
-    number : int
-        Number of the board, see `identity.board_id`.
+    `busy_us` is the processor time of one loop pass, on MicroPython only. The time passes before
+    each read of registers except those of the FIFO. After a read of the FIFO, it passes for each
+    sample that was read. With a function ``busy_us(free_bytes) -> float``, the board reports its
+    number of free heap bytes at each transfer, which doubles the run time. `cpu` names a processor,
+    see `cpu.load`. By default, only transfers and sleeps take time.
 
-    Attributes
-    ----------
-    usb : usb.UsbHost
-        The computer that gets the board's USB reports.
+    `second` is the scenario and the seed of a second strip, with the same sensor file. `number` is
+    that of `identity.board_id`. `usb` is the computer that gets the board's USB reports.
     """
 
     name = "virtual"

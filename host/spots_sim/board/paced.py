@@ -11,14 +11,8 @@ from .lockstep import LockstepLink
 class PacedLink(LinkWrapper):
     """A `lockstep.LockstepLink` whose reads and sleeps first wait until real time has caught up.
 
-    The links of a linkage's two boards must have the same clock: give both the same `epoch_s`.
-
-    Parameters
-    ----------
-    link : LockstepLink
-        Link in simulated time.
-    epoch_s : float
-        Value of ``time.monotonic()`` in seconds at which the link's clock is 0.
+    `epoch_s` is the value of ``time.monotonic()`` at which the link's clock is 0. The links of a
+    linkage's two boards must have the same one.
     """
 
     def __init__(self, link: LockstepLink, epoch_s: float):

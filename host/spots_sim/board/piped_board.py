@@ -29,35 +29,9 @@ _HANGS_S = 60.0  # real time without a request, after which the board counts as 
 class PipedBoard:
     """A virtual board in a separate MicroPython process, with a pair of pipes as serial port.
 
-    Parameters
-    ----------
-    board_id : str
-        Unique id of the board, hexadecimal.
-    bus : bus.I2CBus or faults.FaultyBus
-        I2C bus with the simulated sensor.
-    usb : usb.UsbHost
-        Computer that gets the USB reports.
-    faults : faults.BoardFaults or None
-        Faults of power and clock.
-    folder : Path or None
-        File system of the board, see `vm.MicroPythonProcess`.
-    board : str
-        Name of the virtual board, see `vm.MicroPythonProcess`.
-    busy_us : callable, float or None
-        Processor time of a loop pass, see `lockstep.LockstepLink`.
-    cpu : cpu.Cpu or None
-        Processor time of the firmware's functions.
-    second : bus.I2CBus, optional
-        Second I2C bus, of a board with two strips.
-
-    Attributes
-    ----------
-    second : bus.I2CBus or None
-        The second bus.
-    busy_us : callable, float or None
-        Present value of the parameter; can be a function only if the parameter was a function.
-    free_bytes : int or None
-        Free bytes of the heap, as last reported by the board.
+    `busy_us` is as in `lockstep.LockstepLink`; it can be set to a function only if it was a
+    function at the start. `free_bytes` of the heap is None until the board has reported it.
+    `second` is the bus of a second strip.
     """
 
     def __init__(

@@ -43,15 +43,7 @@ _STUCK_S = 0.002  # interval between two attempts to write to a full pipe
 class Inlet:
     """Writes to a file descriptor without blocking, and buffers the bytes that do not fit.
 
-    Parameters
-    ----------
-    fd : int
-        File descriptor to write to.
-
-    Attributes
-    ----------
-    stuck : bool
-        True while bytes are buffered. Then write no new bytes: the buffer's size is not limited.
+    While `stuck`, bytes are buffered. Then write no new bytes: the buffer's size is not limited.
     """
 
     def __init__(self, fd: int):
@@ -107,15 +99,6 @@ class PortNoise:
 
     The board writes its bytes into a pipe. If the port is not also the board's console, the board
     reads the host's bytes from a second pipe.
-
-    Parameters
-    ----------
-    faults : faults.Faults
-        Faults that the scenario file describes.
-    clock : RealClock
-        Clock of the virtual board; its time determines when a fault happens.
-    port : PseudoTerminal
-        The port for frames.
     """
 
     def __init__(self, faults: Faults, clock: RealClock, port: PseudoTerminal):
@@ -145,24 +128,8 @@ def main(
 ) -> None:
     """Run a virtual board until standard input closes or the parent ends.
 
-    Parameters
-    ----------
-    sensor_name, scenario_name : str
-        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
-    seed : int
-        Random seed of noise and faults.
-    board : str
-        Name of the virtual board: ``virtual`` or ``virtual_circuitpython``.
-    folder : str
-        Folder with the board's file system, firmware included. With an empty string, a temporary
-        folder is made and the firmware copied to it.
-    strips : int
-        Number of strips on the board, 1 or 2.
-
-    Raises
-    ------
-    SpotsError
-        If a file is missing or invalid.
+    The arguments are those of the command line, see the module. SpotsError if a file is missing or
+    invalid.
     """
     parent_end, open_end = os.pipe()  # `parent_end` is readable after the parent ends
     when_parent_ends(lambda: os.close(open_end))

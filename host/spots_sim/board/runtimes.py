@@ -19,17 +19,8 @@ _PORT = "SPOTS_VIRTUAL_PORT", ("pty", "socket")
 def is_cpython(board: str = "virtual") -> bool:
     """Return whether the firmware runs in CPython: by default, only if a tool is missing.
 
-    The tools are MicroPython, and mpy-cross, which compiles the firmware for it.
-
-    Parameters
-    ----------
-    board : str
-        Name of a virtual board. The firmware of a CircuitPython board never runs in CPython.
-
-    Raises
-    ------
-    SpotsError
-        If the environment variable SPOTS_VIRTUAL_RUNTIME has an invalid value.
+    The tools are MicroPython, and mpy-cross, which compiles the firmware for it. The firmware of a
+    CircuitPython board never runs in CPython. SettingError if SPOTS_VIRTUAL_RUNTIME is invalid.
     """
     if device_of(board).runtime != "micropython":
         return False
@@ -39,12 +30,8 @@ def is_cpython(board: str = "virtual") -> bool:
 def is_socket() -> bool:
     """Return whether a virtual board's serial port is a TCP socket on loopback.
 
-    By default, it is a socket only if this system has no pseudo-terminals.
-
-    Raises
-    ------
-    SpotsError
-        If the environment variable SPOTS_VIRTUAL_PORT has an invalid value.
+    By default, it is a socket only if this system has no pseudo-terminals. SettingError if the
+    environment variable SPOTS_VIRTUAL_PORT is invalid.
     """
     there_is = "pty" if importlib.util.find_spec("termios") else "socket"
     return (_wanted(*_PORT) or there_is) == "socket"
@@ -53,10 +40,7 @@ def is_socket() -> bool:
 def headline(runtime: str = "") -> str:
     """Return the first line of a demonstration: the firmware's runtime, and the reason if CPython.
 
-    Parameters
-    ----------
-    runtime : str
-        Runtime from a board's reply to ``hello``; empty if no board is open.
+    `runtime` is that of a board's reply to ``hello``; empty if no board is open.
     """
     if not is_cpython():
         return f"runtime: {runtime or 'micropython'}"

@@ -91,29 +91,11 @@ def answer(
     second: I2CBus | None = None,
     after_us: float = 0.0,
 ) -> None:
-    """Execute a request of a board and write its answer.
+    """Execute a request of a board and write its answer to `fd`.
 
-    Parameters
-    ----------
-    request : bytes
-        Request from `read_request`.
-    bus : bus.I2CBus
-        I2C bus of the board.
-    usb : usb.UsbHost
-        Computer that gets the USB reports.
-    fd : int
-        File descriptor for the answer.
-    rate : float
-        Seconds that the board's clock counts in one true second.
-    second : bus.I2CBus, optional
-        The board's second bus, if it has two strips.
-    after_us : float
-        Processor time of the board after a transfer that reads registers, in us.
-
-    Raises
-    ------
-    PortError
-        If the pipe is full, because the board does not read the answers to its requests.
+    `rate` is the number of seconds that the board's clock counts in one true second. `after_us` is
+    the processor time after a transfer that reads registers. `second` is the bus of a second strip.
+    PortError if the pipe is full, because the board does not read its answers.
     """
     data, error = b"", 0
     operation, a, b, c = request[:4]

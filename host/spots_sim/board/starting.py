@@ -25,11 +25,6 @@ def report(message: dict) -> None:
     """Print one line of JSON without buffering: the ports of the board, or an error.
 
     A closed pipe is not an error: the parent may have ended, and then standard input closes too.
-
-    Parameters
-    ----------
-    message : dict
-        Values that JSON supports.
     """
     with contextlib.suppress(BrokenPipeError):
         os.write(sys.stdout.fileno(), json.dumps(message).encode() + b"\n")
@@ -38,14 +33,7 @@ def report(message: dict) -> None:
 def end(process: subprocess.Popen, parent: int) -> None:
     """End a process that waits for its standard input, and wait for its end; kill it after 8 s.
 
-    In a program that was forked from the parent, do nothing. A second call has no effect.
-
-    Parameters
-    ----------
-    process : subprocess.Popen
-        Process with a pipe as standard input.
-    parent : int
-        Id of the process that started `process`.
+    In a program that was forked from `parent`, do nothing. A second call has no effect.
     """
     if os.getpid() != parent:
         return
@@ -66,11 +54,6 @@ def when_parent_ends(action: Callable[[], object]) -> None:
 
     A separate thread waits and makes the call. If the process still runs 5 s after the call, the
     thread ends the process. An error in the thread also ends the process.
-
-    Parameters
-    ----------
-    action : callable
-        Called in that thread, without arguments.
     """
     parent, stdin = os.getppid(), sys.stdin.fileno()
 
@@ -96,17 +79,10 @@ def _await_end(parent: int, stdin: int) -> None:
 
 
 class PseudoTerminal:
-    """A pseudo-terminal as the serial port of a board.
+    """A pseudo-terminal as the serial port of a board; its file descriptor does not block.
 
     The pseudo-terminal is in raw mode, because otherwise it would echo frames to the board. This
     process keeps the host's end open, so that the board sees no hang-up between two readers.
-
-    Attributes
-    ----------
-    board_end : int
-        File descriptor of the board's end; it does not block.
-    name : str
-        Device name of the host's end.
     """
 
     def __init__(self):

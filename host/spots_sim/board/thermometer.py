@@ -11,15 +11,8 @@ _VOLTS_MAX, _COUNT_MAX = 3.3, 4095
 def read_u16(bus) -> int:
     """Return what MicroPython's ``ADC.read_u16`` returns for the temperature sensor.
 
-    Parameters
-    ----------
-    bus : bus.I2CBus or faults.FaultyBus
-        Bus with the chip whose strip has the temperature of the board.
-
-    Returns
-    -------
-    int
-        0 to 65535; the upper 12 bits are the count of the ADC.
+    The 12 bits of the ADC's count are the upper ones; the chip's strip has the temperature of the
+    board.
     """
     celsius = bus.chip.temperature_C(bus.clock.now_us())
     volts = _VOLTS_AT_27_C + (celsius - 27) * _VOLTS_PER_K

@@ -12,12 +12,9 @@ from .protocol import protocol
 class UsbHost:
     """A simulated USB host; each endpoint of the board stores one report until the host polls it.
 
-    Attributes
-    ----------
-    reports : list of (int, bytes)
-        Received reports: number of the interface, and the report. Reports that change nothing are
-        left out; the firmware repeats reports, see `spots_device.keys.usb_micropython`. A report of
-        a mouse that moves is a change.
+    `reports` has the interface's number and the report. Reports that change nothing are left out:
+    the firmware repeats reports, see `spots_device.keys.usb_micropython`. A report of a mouse that
+    moves is a change.
     """
 
     def __init__(self):
@@ -40,30 +37,14 @@ class UsbHost:
             self._waiting.clear()
 
     def look(self) -> None:
-        """Raise an error if the host is asleep. Call this before a report is sent.
-
-        Raises
-        ------
-        OSError
-            ENODEV if the host does not poll for reports.
-        """
+        """Call this before a report is sent: OSError ENODEV if the host is asleep."""
         if not self._asks:
             raise OSError(errno.ENODEV, "the host sleeps")
 
     def offer(self, interface: int, report: bytes) -> None:
-        """Put a HID report into the endpoint of its interface.
+        """Put a HID report into the endpoint of its interface; OSError EAGAIN if it is full.
 
-        Parameters
-        ----------
-        interface : int
-            Number of the HID interface.
-        report : bytes
-            HID report; empty to check only whether the endpoint is free.
-
-        Raises
-        ------
-        OSError
-            EAGAIN if the endpoint is full.
+        An empty report only checks whether the endpoint is free.
         """
         if interface in self._waiting:
             raise OSError(protocol.EAGAIN, "the endpoint is full")

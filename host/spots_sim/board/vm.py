@@ -45,13 +45,7 @@ _FILES, _MODULES = "files", "modules"
 
 
 def micropython_command() -> list[str]:
-    """Return the command that starts MicroPython's unix port, as a list of str.
-
-    Raises
-    ------
-    RequirementError
-        If MicroPython is not installed.
-    """
+    """Return the command that starts MicroPython's unix port; RequirementError without it."""
     if sys.platform == "win32":
         raise RequirementError("this command needs MicroPython's unix port: use Linux or macOS")
     if spec := importlib.util.find_spec("micropython_unix"):
@@ -71,34 +65,16 @@ def micropython_command() -> list[str]:
 class MicroPythonProcess:
     """A virtual board: a folder as file system, and MicroPython that runs its main file.
 
-    Parameters
-    ----------
-    board_id : str
-        Unique id of the board, hexadecimal; ``machine.unique_id`` returns it.
-    simulated_time : bool
-        True if the board uses the simulator's clock, False for real time.
-    stdin, stdout : int
-        File descriptors of the board's end of the serial port that has the prompt.
-    folder : Path, optional
-        File system of the board. By default a temporary folder, which `close` removes. Unless
-        `blank` is true, the firmware may be in another folder, see `_shared_firmware`.
-    board : str
-        Name of the virtual board. The modules in ``boards/<board>`` replace built-in modules.
-    blank : bool
-        True to leave the file system unchanged; False to copy the firmware to it.
-    terminal : bool
-        True if `stdin` is a terminal. Then MicroPython shows its prompt after the main file ends.
-    data : tuple of int, optional
-        File descriptors of a second serial port: one to read, one to write.
-    rate : float
-        Seconds that the board's clock counts in one true second.
-    reports_memory : bool
-        True if the board must report its free memory before every sleep and transfer; False if
-        only before every 256th sleep.
-    cpu : cpu.Cpu, optional
-        Processor time of the firmware; only in simulated time, and not on CircuitPython.
-    strips : int
-        Number of strips on the board.
+    `board_id` is what ``machine.unique_id`` returns, in hexadecimal. Without `folder`, the file
+    system is a temporary folder, which `close` removes. Unless `blank`, the firmware is copied to
+    it, or it is in another folder, see `_shared_firmware`. The modules in ``boards/<board>``
+    replace built-in modules. `stdin` and `stdout` are the board's end of the port with the prompt;
+    `terminal` is whether they are a terminal, on which MicroPython shows its prompt after the main
+    file ends. `data` is a second port, one file descriptor to read and one to write.
+
+    `rate` is the number of seconds that the board's clock counts in one true second. With
+    `reports_memory`, the board reports its free memory before every sleep and transfer; otherwise
+    only before every 256th sleep. `cpu` needs simulated time, and MicroPython.
     """
 
     def __init__(
@@ -162,10 +138,7 @@ class MicroPythonProcess:
     def boot(self, run_entry: bool = True) -> None:
         """Start MicroPython with new pipes: `requests` from the board, `answers` to the board.
 
-        Parameters
-        ----------
-        run_entry : bool
-            True to run the main file, False to start at the prompt.
+        Without `run_entry`, it starts at the prompt instead of the main file.
         """
         self.shut_down()
         self.requests, request_end = os.pipe()
@@ -194,17 +167,9 @@ class MicroPythonProcess:
         os.set_blocking(self.answers, False)
 
     def ended(self, said: bytes = b"") -> None:
-        """Handle closed pipes of MicroPython: raise an error, except after a soft reset (Ctrl-D).
+        """Handle closed pipes of MicroPython: PortError, except after a soft reset (Ctrl-D).
 
-        Parameters
-        ----------
-        said : bytes
-            Last output on the serial port; empty if unknown.
-
-        Raises
-        ------
-        PortError
-            If MicroPython hangs, or ended for another reason.
+        `said` is the last output on the serial port; empty if unknown.
         """
         try:
             code = self._process.wait(_EXIT_S)

@@ -65,26 +65,16 @@ _RESET_VALUES = {
 class Quirks:
     """Behaviour of the chip that no document defines, and the error of its oscillator.
 
-    Attributes
-    ----------
-    auto_zero_at_every_start : bool
-        Whether the chip performs an auto-zero at every start; if false, only at the first start
-        after power-on, and after the register bit PON was 0.
-    avalid_clears_on_read : bool
-        Whether a read of the register ASTATUS clears the data-ready bit AVALID.
-    aint_needs_sp_ien : bool
-        Whether the interrupt bit AINT is set only if its enable bit SP_IEN is 1.
-    smux_us : float
-        Duration in us of a command to the SMUX, which connects photodiodes to ADCs.
-    clock_error_percent : float
-        Error of the sample period, in per cent; positive if the oscillator is slow.
-    fifo_reversed : bool
-        Whether the FIFO gets the values of a sample in reverse order, CH5 before CH0.
-    fifo_overwrites : bool
-        Whether a full FIFO drops its oldest entry; if false, it drops the new entry.
-    fifo_level_alone : bool
-        Whether a transfer that reads the FIFO's level reads it again and again; if false, the
-        transfer goes on with the data, like a transfer from any other register.
+    - `auto_zero_at_every_start`: if false, the chip performs an auto-zero only at the first start
+      after power-on, and after the register bit PON was 0.
+    - `avalid_clears_on_read`: a read of the register ASTATUS clears the data-ready bit AVALID.
+    - `aint_needs_sp_ien`: the interrupt bit AINT is set only if its enable bit SP_IEN is 1.
+    - `smux_us`: duration of a command to the SMUX, which connects photodiodes to ADCs.
+    - `clock_error_percent`: error of the sample period; positive if the oscillator is slow.
+    - `fifo_reversed`: the FIFO gets the values of a sample in reverse order, CH5 before CH0.
+    - `fifo_overwrites`: a full FIFO drops its oldest entry; if false, it drops the new entry.
+    - `fifo_level_alone`: a transfer that reads the FIFO's level reads it again and again; if false,
+      the transfer goes on with the data, like a transfer from any other register.
     """
 
     auto_zero_at_every_start: bool = True
@@ -99,18 +89,11 @@ class Quirks:
 
 @dataclass(frozen=True)
 class ChipNoise:
-    """Noise of the converter, in counts of the six ADCs.
+    """Noise of the converter, in counts of the six ADCs; `read_counts` is added before rounding.
 
-    Attributes
-    ----------
-    read_counts : float
-        Standard deviation of the noise that is added before rounding.
-    electrons_per_count_1x : float
-        Photo-electrons in one count at gain 1x, for the shot noise.
-    dark_counts_512x : float
-        Dark counts at gain 512x in 98 ms.
-    ratio_ppm : float
-        Standard deviation of each channel's gain from sample to sample, in ppm.
+    The shot noise follows from the photo-electrons in one count at gain 1x. The dark counts are
+    those at gain 512x in 98 ms. `ratio_ppm` is the standard deviation of each channel's gain
+    between samples.
     """
 
     read_counts: float
@@ -122,16 +105,7 @@ class ChipNoise:
 class AS7341:
     """A simulated AS7341, a light sensor with six ADCs; its power is switched on at time 0.
 
-    Parameters
-    ----------
-    light : object
-        Light source with ``collect``, ``outside`` and ``switch``, see the module docstring.
-    noise : ChipNoise
-        Noise of the converter.
-    rng : numpy.random.Generator
-        Generator of the noise.
-    quirks : Quirks
-        Behaviour that no document defines.
+    `light` has ``collect``, ``outside`` and ``switch``, see the module docstring.
     """
 
     address = 0x39
@@ -193,19 +167,7 @@ class AS7341:
         """Handle a read transfer: return the bytes from the register pointer on.
 
         The chip stores a sample that ends during a transfer at once: if a transfer finds the FIFO
-        empty, its last bytes may be of such a sample.
-
-        Parameters
-        ----------
-        size : int
-            Number of bytes.
-        byte_us : float
-            Duration of a byte in us.
-
-        Returns
-        -------
-        bytes
-            The bytes that were read.
+        empty, its last bytes may be of such a sample. Therefore it needs the duration of a byte.
         """
         data = bytearray()
         began_us = self._now
@@ -247,13 +209,7 @@ class AS7341:
         self._light.switch(on)
 
     def temperature_C(self, now_us: float) -> float:
-        """Return the temperature beside the chip at a time, from ``light.temperature_C(now_us)``.
-
-        Parameters
-        ----------
-        now_us : float
-            Simulated time in us.
-        """
+        """Return the temperature beside the chip."""
         return self._light.temperature_C(now_us)
 
     # Registers.

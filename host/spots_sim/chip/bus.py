@@ -25,12 +25,7 @@ class SimulationClock(Protocol):
 class SimulatedClock:
     """A clock that advances only by transfers, sleeps and processor time.
 
-    Attributes
-    ----------
-    time_us : float
-        Present time in us.
-    idle_us : float
-        Part of the time in which the board slept, in us.
+    `idle_us` is the part of the time in which the board slept.
     """
 
     time_us: float = 0.0
@@ -65,17 +60,7 @@ class RealClock:
 
 @dataclass
 class BusCost:
-    """Cost of the transfers on a bus.
-
-    Attributes
-    ----------
-    transactions : int
-        Number of transfers.
-    wire_bytes : int
-        Bytes on the wire, including addresses of chip and register.
-    bus_us : float
-        Duration of all transfers in us.
-    """
+    """Cost of the transfers on a bus; `wire_bytes` includes the addresses of chip and register."""
 
     transactions: int = 0
     wire_bytes: int = 0
@@ -89,18 +74,9 @@ MULTIPLEXER = 0x70  # address of a TCA9548A whose address pins are low
 class I2CBus:
     """A simulated I2C controller. A byte takes 9 clocks; START, STOP and repeated START take 1.
 
-    Attributes
-    ----------
-    chip : chip.AS7341
-        The chip on the bus.
-    clock : SimulationClock
-        Clock that each transfer advances.
-    frequency_hz : int
-        Frequency of the bus in Hz.
-    ledger : BusCost
-        Cost of all transfers since the start.
-    call_us : float
-        Processor time of each transfer in us, in addition to the time of its bits on the wire.
+    Each transfer advances the clock. `call_us` is the processor time of a transfer in addition to
+    the time of its bits on the wire. An address has 7 bits; OSError ENODEV if no chip acknowledges
+    it.
     """
 
     chip: object
@@ -110,47 +86,14 @@ class I2CBus:
     call_us: float = 0.0
 
     def write(self, address: int, data: bytes) -> None:
-        """Write bytes to a chip: START, address, data, STOP.
-
-        Parameters
-        ----------
-        address : int
-            Address of the chip, 7 bits.
-        data : bytes
-            Bytes to write.
-
-        Raises
-        ------
-        OSError
-            ENODEV if no chip acknowledges the address.
-        """
+        """START, address, data, STOP."""
         self._address(address)
         self._spend(2, 1 + len(data))
         self.chip.advance(self.clock.now_us())
         self.chip.write(data)
 
     def write_read(self, address: int, data: bytes, size: int) -> bytes:
-        """Write bytes to a chip, then read `size` bytes after a repeated START.
-
-        Parameters
-        ----------
-        address : int
-            Address of the chip, 7 bits.
-        data : bytes
-            Bytes to write.
-        size : int
-            Number of bytes to read.
-
-        Returns
-        -------
-        bytes
-            The bytes that were read.
-
-        Raises
-        ------
-        OSError
-            ENODEV if no chip acknowledges the address.
-        """
+        """Write bytes to a chip, then read `size` bytes after a repeated START."""
         self._address(address)
         bits, count = 3, 2 + len(data) + size
         # The chip is read when its first byte is sent, before the transfer ends.
@@ -161,56 +104,22 @@ class I2CBus:
         return answer
 
     def read(self, address: int, size: int) -> bytes:
-        """Read `size` bytes from a chip, from its present register pointer on.
-
-        Parameters
-        ----------
-        address : int
-            Address of the chip, 7 bits.
-        size : int
-            Number of bytes to read.
-
-        Returns
-        -------
-        bytes
-            The bytes that were read.
-
-        Raises
-        ------
-        OSError
-            ENODEV if no chip acknowledges the address.
-        """
+        """Read `size` bytes from a chip, from its present register pointer on."""
         self._address(address)
         self._spend(2, 1 + size)
         self.chip.advance(self.clock.now_us())
         return self.chip.read(size)
 
     def lines(self, scl: int, sda: int) -> int:
-        """Set the levels of SCL and SDA outside a transfer; return the level of SDA.
+        """Set SCL and SDA outside a transfer (1 releases, 0 pulls low); return the level of SDA.
 
         The firmware does this to free a bus whose SDA is held low. This chip never holds SDA low,
         so it ignores the levels.
-
-        Parameters
-        ----------
-        scl, sda : int
-            1 releases the wire, 0 pulls it low.
-
-        Returns
-        -------
-        int
-            Level of SDA, 0 or 1.
         """
         return sda
 
     def light(self, level: int) -> None:
-        """Set the board's pin that switches the strip's LED, if the LED is wired to a pin.
-
-        Parameters
-        ----------
-        level : int
-            1 for on, 0 for off.
-        """
+        """Set the board's pin that switches the strip's LED, if the LED is wired to a pin."""
         self.chip.advance(self.clock.now_us())
         self.chip.switch_light(bool(level))
 
@@ -239,13 +148,7 @@ class MultiplexedBus(I2CBus):
     """An `I2CBus` with a multiplexer TCA9548A, which connects the chip of one channel at a time.
 
     The multiplexer's only register has one bit for each channel. All bits are 0 after power-on.
-
-    Parameters
-    ----------
-    chips : sequence of chip.AS7341
-        Chip of each channel, from channel 0 on.
-    clock : SimulationClock
-        Clock that each transfer advances.
+    `chips` begins with the chip of channel 0.
     """
 
     def __init__(self, chips, clock: SimulationClock):

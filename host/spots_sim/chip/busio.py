@@ -17,12 +17,9 @@ _ADDRESSES = range(0x08, 0x78)
 
 
 class I2C:
-    """An I2C controller with the API of CircuitPython's ``busio.I2C``.
+    """An I2C controller with the API of CircuitPython's ``busio.I2C``, on a simulated bus.
 
-    Parameters
-    ----------
-    bus : bus.I2CBus
-        Simulated bus that executes the transfers.
+    OSError ENODEV if no chip acknowledges the address; RuntimeError if the bus is not locked.
     """
 
     def __init__(self, bus: I2CBus):
@@ -45,48 +42,12 @@ class I2C:
         return [address for address in _ADDRESSES if self._acknowledges(address)]
 
     def writeto(self, address: int, buffer, *, start: int = 0, end: int | None = None) -> None:
-        """Write ``buffer[start:end]`` to a chip.
-
-        Parameters
-        ----------
-        address : int
-            Address of the chip, 7 bits.
-        buffer : bytes-like
-            Contains the bytes to write.
-        start, end : int, optional
-            Range of the buffer; the whole buffer by default.
-
-        Raises
-        ------
-        OSError
-            ENODEV if no chip acknowledges the address.
-        RuntimeError
-            If the bus is not locked, see `try_lock`.
-        """
         self._need_lock()
         self._bus.write(address, bytes(buffer[start:end]))
 
     def readfrom_into(
         self, address: int, buffer, *, start: int = 0, end: int | None = None
     ) -> None:
-        """Read bytes from a chip into ``buffer[start:end]``.
-
-        Parameters
-        ----------
-        address : int
-            Address of the chip, 7 bits.
-        buffer : bytearray or memoryview
-            Receives the bytes.
-        start, end : int, optional
-            Range of the buffer; the whole buffer by default.
-
-        Raises
-        ------
-        OSError
-            ENODEV if no chip acknowledges the address.
-        RuntimeError
-            If the bus is not locked, see `try_lock`.
-        """
         self._need_lock()
         target = memoryview(buffer)[start:end]
         target[:] = self._bus.read(address, len(target))
@@ -102,28 +63,7 @@ class I2C:
         in_start: int = 0,
         in_end: int | None = None,
     ) -> None:
-        """Write bytes to a chip, then read bytes after a repeated START.
-
-        Parameters
-        ----------
-        address : int
-            Address of the chip, 7 bits.
-        out_buffer : bytes-like
-            Contains the bytes to write.
-        in_buffer : bytearray or memoryview
-            Receives the bytes.
-        out_start, out_end : int, optional
-            Range of `out_buffer`; the whole buffer by default.
-        in_start, in_end : int, optional
-            Range of `in_buffer`; the whole buffer by default.
-
-        Raises
-        ------
-        OSError
-            ENODEV if no chip acknowledges the address.
-        RuntimeError
-            If the bus is not locked, see `try_lock`.
-        """
+        """Write bytes to a chip, then read bytes after a repeated START."""
         self._need_lock()
         target = memoryview(in_buffer)[in_start:in_end]
         sent = bytes(out_buffer[out_start:out_end])
@@ -147,17 +87,6 @@ def simulated_time(driver: ModuleType, clock: SimulationClock) -> Iterator[None]
 
     Use this for drivers with ``from time import monotonic, sleep``; the module ``time`` is not
     changed. The original functions are restored at the end of the ``with`` block.
-
-    Parameters
-    ----------
-    driver : module
-        Module of the driver, with the names ``sleep`` and ``monotonic``.
-    clock : bus.SimulationClock
-        ``sleep(seconds)`` advances this clock; ``monotonic()`` returns its time in seconds.
-
-    Yields
-    ------
-    None
     """
     replaced = {
         "sleep": lambda seconds: clock.spend_us(seconds * 1e6),

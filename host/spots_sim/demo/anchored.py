@@ -36,23 +36,10 @@ def sliding(
 ) -> ScenarioFile:
     """Return a scenario in which one finger rests, and a second finger slides beside it.
 
-    Parameters
-    ----------
-    mm_per_s : float
-        Speed of the second finger, in mm/s.
-    seed : int
-        Random seed of the positions and forces.
-    wobble : float, optional
-        Largest change of the second finger's force, as a share of this force. The force of the
-        first finger changes by at most a tenth of this share.
-    places_mm : tuple of float, optional
-        Position of the first finger, and first and last position of the second finger, in mm. By
-        default, random positions on a strip of 85 mm, at least 15 mm apart. The second finger
-        stays on one side of the first finger.
-
-    Returns
-    -------
-    ScenarioFile
+    `wobble` is the largest change of the second finger's force, as a share of it; that of the first
+    finger is at most a tenth. `places_mm` is the position of the first finger, and the first and
+    last position of the second, which stays on one side of the first. By default, the positions are
+    random on a strip of 85 mm, at least 15 mm apart.
     """
     rng = random.Random(seed)
     while places_mm is None:
@@ -82,21 +69,10 @@ def sliding(
 
 
 def followed(file: ScenarioFile, seed: int) -> list[tuple[float, float]]:
-    """Run a scenario on a virtual board, and return the position errors of the second finger.
+    """Run a scenario of `sliding`; return errors and standard deviations of the second position.
 
-    Parameters
-    ----------
-    file : ScenarioFile
-        Scenario that `sliding` returned.
-    seed : int
-        Random seed of the noise.
-
-    Returns
-    -------
-    list of tuple
-        For each reading in which `ContactFinder` finds two fingers: position error of the second
-        finger, and the standard deviation that `ContactFinder` computes for it, in mm. Readings
-        while the second finger arrives or lifts are left out.
+    Both are in mm; the deviation is that of `ContactFinder`. Readings in which it does not find two
+    fingers are left out, and those while the second finger arrives or lifts.
     """
     truth = Scenario(file)
     points = file.touch[1].points
@@ -119,21 +95,11 @@ def followed(file: ScenarioFile, seed: int) -> list[tuple[float, float]]:
 
 
 def summary(found: list[tuple[float, float]]) -> dict:
-    """Return statistics of position errors.
+    """Return statistics of the position errors of `followed`, as a dict.
 
-    Parameters
-    ----------
-    found : list of tuple
-        Errors and standard deviations in mm, see `followed`.
-
-    Returns
-    -------
-    dict
-        ``readings``: number of readings. ``located_percent``: share of positions whose standard
-        deviation is at most 3 mm; the values below use only these positions. ``rms_mm`` and
-        ``p95_mm``: root mean square and 95th percentile of the absolute error, in mm.
-        ``rms_of_error_by_sigma``: root mean square of error divided by standard deviation; it is 1
-        if the computed deviations are right.
+    `located_percent` is the share of positions whose standard deviation is at most 3 mm; the other
+    values use only these. `rms_of_error_by_sigma` is the root mean square of error divided by
+    standard deviation; it is 1 if the computed deviations are right.
     """
     located = [one for one in found if one[1] <= _SIGMA_MM]
     squares = sorted(error**2 for error, _ in located)

@@ -50,48 +50,17 @@ def demo(
     warm: bool = False,
     cpu: str | None = None,
 ) -> dict:
-    """Run the virtual board, show its readings, and return the results of the run.
+    """Run the virtual board, show its readings, and return the results of the run for JSON.
 
-    Parameters
-    ----------
-    sensor : str
-        Sensor file: a path, or a name such as ``default``.
-    scenario : str or None
-        Scenario file: a path, or a name such as ``demo``. None selects the application's default.
-    seed : int
-        Random seed of the noise.
-    seconds : float or None
-        Duration of the run in seconds. None for no limit, but with `quiet` the application
-        ``keyboard`` ends with its scenario, and with `fast` ``fivebar`` ends with its path.
-    fast : bool
-        True for simulated time: as fast as possible, with the same bytes in each run.
-    quiet : bool
-        True to print nothing on standard output.
-    use : str
-        Application: a key of `USES`, or `FIVEBAR` for two boards on a simulated linkage.
-    layout : str, optional
-        Key layout of the application ``keyboard``: a path, or a name such as ``mini``.
-    rezeroed : bool, optional
-        Whether the calibration was corrected with a few presses (re-zero) after the change that
-        the table ``[change]`` of the sensor file describes. Needs `fast`.
-    warm : bool, optional
-        Whether the LED is warm at the start. Needs `fast`.
-    cpu : str, optional
-        Name of a processor, see `cpu.Cpu`. Needs `fast`.
+    `use` is a key of `USES`, or `FIVEBAR` for two boards on a simulated linkage. Without `seconds`,
+    the run has no limit, but with `quiet` the application ``keyboard`` ends with its scenario, and
+    with `fast` ``fivebar`` ends with its path. `fast` is simulated time: as fast as possible, with
+    the same bytes in each run. `rezeroed`, `warm` and `cpu` need `fast`, see `open_fast`.
 
-    Returns
-    -------
-    dict
-        Results of the run, with values that JSON supports: see `score.Score.summary` for the
-        application ``strip``, `linkage_demo.demonstrate` for ``fivebar``, and
-        `demo_applications` for the other applications. With `fast` and without ``fivebar``,
-        ``stream_sha256`` is the hash of all bytes from the board.
-
-    Raises
-    ------
-    SpotsError
-        If `use` or `cpu` is unknown, a file is missing or invalid, or the virtual board does not
-        start.
+    The results are those of `score.Score.summary` for the application ``strip``, of
+    `linkage_demo.demonstrate` for ``fivebar``, and of `demo_applications` for the others. With
+    `fast` and without ``fivebar``, ``stream_sha256`` is the hash of all bytes from the board.
+    SpotsError if an argument or a file is invalid, or the virtual board does not start.
     """
     _check_use(use)
     if use == FIVEBAR:
@@ -192,37 +161,10 @@ def open_fast(
 ) -> tuple[Board, hashlib._Hash]:
     """Open a calibrated virtual board in simulated time, and hash all bytes that the board sends.
 
-    Parameters
-    ----------
-    sensor : str
-        Sensor file: a path, or a name such as ``default``.
-    truth : Scenario
-        Fingers, strain and light over time.
-    seed : int
-        Random seed of the noise.
-    faults : Faults, optional
-        Faults of the link, the I2C bus and the board.
-    rezeroed : bool, optional
-        Whether the calibration was corrected with a few presses (re-zero) after the change that
-        the table ``[change]`` of the sensor file describes. Ignored if `lines` is given.
-    warm : bool, optional
-        Whether the LED is warm at the start.
-    lines : tuple of str, optional
-        Text lines of the calibration to use; by default, the sensor is calibrated.
-    cpu : str, optional
-        Name of a processor, see `cpu.Cpu`.
-
-    Returns
-    -------
-    board : Board
-        The board, which the caller must close.
-    digest : hash object
-        SHA-256 of all bytes from the board; updated while the board is read.
-
-    Raises
-    ------
-    SpotsError
-        If the sensor file is missing or invalid, or the processor is unknown.
+    The caller closes the board; the SHA-256 is updated while the board is read. With `rezeroed`,
+    the calibration was corrected with a few presses after the change that the table ``[change]`` of
+    the sensor file describes; with `lines`, it is that calibration instead. With `warm`, the LED is
+    warm at the start.
     """
     file = load(SensorFile, sensor)
     calibration = lines or (recalibrated(file) if rezeroed else calibrate(file))
@@ -244,24 +186,8 @@ def show_page(
 ) -> None:
     """Serve the web UI with a virtual board, and open it with `browser.show`.
 
-    Parameters
-    ----------
-    use : str or None
-        Application to show. For ``fivebar``, the web UI shows a simulated linkage. Otherwise it
-        shows a strip, and directly below the strip the panel of the application. None for no
-        application.
-    sensor, scenario : str
-        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
-    seed : int
-        Random seed of the noise.
-    layout : str, optional
-        Key layout to show: a path, or a name such as ``mini``.
-
-    Raises
-    ------
-    SpotsError
-        If `use` is unknown, the layout is missing or invalid, or for ``fivebar`` the sensor file
-        is.
+    For ``fivebar``, the web UI shows a simulated linkage. Otherwise it shows a strip, and directly
+    below the strip the panel of the application, if any. SpotsError if `use` or a file is invalid.
     """
     from spots_web.serve import LOOPBACK, serve
 

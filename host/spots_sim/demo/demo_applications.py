@@ -34,30 +34,10 @@ _PLAIN_LINES_PER_S = 4
 def play_controller(
     board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
 ) -> dict:
-    """Run and show a controller without a gamepad device, and return the results of the run.
+    """Run and show a controller without a gamepad device; return `ControllerScore.summary`.
 
-    Parameters
-    ----------
-    board : Board
-        A calibrated virtual board.
-    truth : Scenario
-        True fingers over time.
-    started_s : float
-        Host time in seconds at which the scenario's time is 0.
-    seconds : float or None
-        Duration of the run in seconds, measured with `Board.now_s`; None for no limit.
-    quiet : bool
-        True to print and draw nothing.
-
-    Returns
-    -------
-    dict
-        Results of the run, see `ControllerScore.summary`.
-
-    Raises
-    ------
-    SpotsError
-        If the board is lost.
+    `started_s` is the host time at which the scenario's time is 0. `seconds` is measured with
+    `Board.now_s`; None for no limit. SpotsError if the board is lost; so in the functions below.
     """
     settings = load_settings()
     controller = controller_for(board, settings)
@@ -86,36 +66,8 @@ def type_on_board(
     """Show the text that is typed on a board's keys, and return the results of the run.
 
     The host also computes key events from the same readings (`KeyEngine`), and compares them with
-    the key events of the board.
-
-    Parameters
-    ----------
-    board : Board
-        A calibrated virtual board.
-    truth : Scenario
-        The simulated fingers over time, with which the score compares the pressed keys.
-    started_s : float
-        Host time in seconds at which the scenario's time is 0.
-    seconds : float or None
-        Duration of the run in seconds, measured with `Board.now_s`; None for no limit.
-    quiet : bool
-        True to print and draw nothing.
-    layout_name : str, optional
-        Key layout: a path, or a name such as ``mini``.
-    late_ms : list of float, optional
-        List to which the latency of each correct press is added, in ms.
-
-    Returns
-    -------
-    dict
-        ``typed``: the text. ``presses``: number of key presses. ``keys_down``: number of keys that
-        are still pressed at the end. ``host_agrees``: whether the host's key engine gave the same
-        events. Also all values of `TypingScore.summary`.
-
-    Raises
-    ------
-    SpotsError
-        If the layout is missing or invalid, or the board is lost.
+    the key events of the board: ``host_agrees``. The latency of each correct press is added to
+    `late_ms`, if given. The other results are those of `TypingScore.summary`.
     """
     layout = load_layout(layout_name)
     typed, here, there = TypedText(), _Events(), _Events()
@@ -167,25 +119,7 @@ class _Events:
 def show_gestures(board: Board, seconds: float | None, quiet: bool) -> dict:
     """Show the gestures that are recognised on a board's strip, and return their names.
 
-    Parameters
-    ----------
-    board : Board
-        A calibrated virtual board.
-    seconds : float or None
-        Duration of the run in seconds, measured with `Board.now_s`; None for no limit.
-    quiet : bool
-        True to print and draw nothing.
-
-    Returns
-    -------
-    dict
-        ``gestures``: names in order. ``least_confidence``: the lowest confidence of a gesture, from
-        0 to 1; 0 without a gesture.
-
-    Raises
-    ------
-    SpotsError
-        If the board is lost.
+    ``least_confidence`` is from 0 to 1; 0 without a gesture.
     """
     drawing = Console().is_terminal and not quiet
     mapping = Mapping()

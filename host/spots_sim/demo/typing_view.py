@@ -24,25 +24,7 @@ _LEVELS = "▁▂▃▄▅▆▇█"
 def picture(
     layout: KeyLayout, engine: KeyEngine, touch: Touch | None, typed: TypedText, stats: LinkStats
 ) -> Panel:
-    """Return the present picture of the keyboard; the touched key is highlighted.
-
-    Parameters
-    ----------
-    layout : KeyLayout
-        Keys of the strip.
-    engine : KeyEngine
-        Key engine; its present layer and its least force of a firm press are shown.
-    touch : Touch or None
-        Latest reading.
-    typed : TypedText
-        The typed text.
-    stats : LinkStats
-        Statistics of the link, shown below the text.
-
-    Returns
-    -------
-    rich.panel.Panel
-    """
+    """Return the present picture of the keyboard; the touched key is highlighted."""
     keys = layout.layers[engine.layer]
     held = touch is not None and touch.touching and not math.isnan(touch.position_um)
     share = touch.position_um / engine.length_um if held else -1.0
@@ -69,20 +51,7 @@ def picture(
 
 
 def firm_scale(force_mN: int, firm_mN: int) -> Text:
-    """Return a bar that shows a force; its colour changes at `firm_mN`.
-
-    Parameters
-    ----------
-    force_mN : int
-        Force to show, in mN.
-    firm_mN : int
-        Least force of a firm press, in mN.
-
-    Returns
-    -------
-    rich.text.Text
-        One line.
-    """
+    """Return a bar that shows a force; its colour changes at the least force of a firm press."""
     columns = 24
     full = round(min(force_mN / _FULL_FORCE_MN, 1) * columns)
     firm = round(min(firm_mN / _FULL_FORCE_MN, 1) * columns)

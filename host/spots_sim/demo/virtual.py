@@ -51,22 +51,7 @@ _POLL_S = 0.02
 def open_port(rest: str, options: Namespace | None = None) -> Board:
     """Open a virtual board in real time, see `open_virtual`.
 
-    Parameters
-    ----------
-    rest : str
-        Text after ``virtual:`` in the port; must be empty.
-    options : Namespace, optional
-        Options of the command line, see `port.add_options`.
-
-    Returns
-    -------
-    Board
-        The board, which the caller must close.
-
-    Raises
-    ------
-    SpotsError
-        If `rest` is not empty, and in the cases of `open_virtual`.
+    `rest` is the text after ``virtual:`` in the port; it must be empty, otherwise SettingError.
     """
     _check_rest(rest)
     options = given(options)
@@ -91,29 +76,8 @@ def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
 
     For ``spots rezero``, the strip has changed as the sensor file describes. With the port
     ``virtual:PIPE``, a person at the terminal moves the finger through a named pipe, see
-    `person.follow_pipe`.
-
-    Parameters
-    ----------
-    options : argparse.Namespace
-        Options of the command.
-    made_with : Session or CalibrationFile
-        Session of ``spots calibrate``, or calibration for ``spots rezero``. If it was made with
-        this virtual board, its settings are sent to the board.
-    path : Path
-        Calibration file to write.
-    guide : Guide
-        Prints the progress.
-
-    Returns
-    -------
-    Bench
-        The board of the strip, and its presser: the stage, or the person with ``virtual:PIPE``.
-
-    Raises
-    ------
-    SpotsError
-        If a file is missing or invalid.
+    `person.follow_pipe`. If `made_with` was made with this virtual board, its settings are sent to
+    the board.
     """
     options = given(options)
     sensor = load(SensorFile, options.sensor)
@@ -157,19 +121,9 @@ def flash_place(device: Device) -> Iterator[Place]:
 
 @contextmanager
 def virtual_board(folder: Path, device: Device) -> Iterator[Place]:
-    """Start a virtual board whose file system is a folder.
+    """Start a virtual board whose file system is a folder, for `spots.deploy`.
 
-    Parameters
-    ----------
-    folder : Path
-        File system of the board; for CircuitPython, its drive. No firmware is copied to it.
-    device : Device
-        The virtual board to start.
-
-    Yields
-    ------
-    Place
-        The running board, with its ports and its file system, for `spots.deploy`.
+    The folder of a CircuitPython board is its drive. No firmware is copied to it.
     """
     start, end = start_simulator("default", "demo", 0, str(folder), device.name)
     try:
@@ -200,24 +154,9 @@ def _await_drive(folder: Path) -> None:
 def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     """Start a virtual board in real time, calibrated on the simulated stage, and open it.
 
-    Parameters
-    ----------
-    sensor, scenario : str
-        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
-    seed : int
-        Random seed of the noise, 0 or more.
-
-    Returns
-    -------
-    board : Board
-        The board. Closing it stops the virtual board.
-    started_s : float
-        Host time in seconds at which the scenario's time is 0.
-
-    Raises
-    ------
-    SettingError
-        If a file is missing or invalid, `seed` is negative, or the board does not start.
+    The board stops when it is closed. The second result is the host time in seconds at which the
+    scenario's time is 0. SettingError if an argument or file is invalid, or the board does not
+    start.
     """
     if not isinstance(seed, int) or seed < 0:
         raise SettingError(f"the seed must be a whole number of 0 or more, not {seed!r}")
@@ -260,34 +199,12 @@ def start_simulator(
     board: str = VIRTUAL,
     strips: int = 1,
 ) -> tuple[dict, Callable[[], None]]:
-    """Start a virtual board in a separate process.
+    """Start a virtual board in a separate process; return its first message and ``end()``.
 
-    Parameters
-    ----------
-    sensor, scenario : str
-        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
-    seed : int
-        Random seed of the noise.
-    folder : str
-        Folder that is the board's file system; no firmware is copied into it. Only possible with
-        MicroPython. If empty, a temporary folder with the firmware is used.
-    board : str
-        Name of the virtual board: ``virtual`` or ``virtual_circuitpython``.
-    strips : int
-        Number of strips on the board, 1 or 2.
-
-    Returns
-    -------
-    start : dict
-        ``port``: port for frames. ``console``: port with the prompt; it differs from ``port`` only
-        on CircuitPython. ``started_s``: host time of power-on in seconds.
-    end : callable
-        ``end()`` stops the board and waits for its process.
-
-    Raises
-    ------
-    PortError
-        If the board does not start.
+    The message has ``port`` for frames, ``console`` with the prompt (another port only on
+    CircuitPython), and ``started_s``, the host time of power-on. `folder` is the board's file
+    system, without a copy of the firmware, only on MicroPython; if empty, a temporary folder with
+    the firmware. ``end()`` waits for the process. PortError if the board does not start.
     """
     if not folder and is_cpython(board):
         module, more = "cpython_realtime", (str(strips),)

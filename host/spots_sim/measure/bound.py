@@ -24,27 +24,12 @@ _STEP = 1e-4  # relative, of the contact share
 
 
 class Bound:
-    """The Cramer-Rao bound of a simulated sensor, for readings with six counts.
+    """The Cramer-Rao bound of a simulated sensor, for readings of six counts.
 
-    `sigma` returns the bounds for the position of a press, and for the light that the press couples
-    into the dyed light guide. `force_sigma_mN` returns the bound for its force.
-
-    Parameters
-    ----------
-    sensor : SensorFile
-        Simulated sensor.
-    plan : sequence of str
-        Names of the six diodes, in the order of the counts.
-    gain : int
-        Register code of the gain, 0 to 10.
-    exposure_us : float
-        Integration time in us.
-    led_mA : float
-        LED current that is set in the chip, in mA.
-    average : int
-        Number of samples in a reading.
-    change : Change
-        Change of the sensor since its calibration.
+    `plan` names the six diodes in the order of the counts; `gain` is a register code, 0 to 10;
+    `average` is the number of samples in a reading. `sigma` returns the bounds for the position of
+    a press, and for the light that the press couples into the dyed light guide. `force_sigma_mN`
+    returns the bound for its force.
     """
 
     def __init__(
@@ -71,23 +56,7 @@ class Bound:
     def counts(self, position_um, force_mN, width_mm=4.0, strain=0.0, bend_deg=0.0):
         """Return the six expected counts of one sample, without dark counts and ambient light.
 
-        Parameters
-        ----------
-        position_um : float
-            Distance of the press from the sensor's end, in um.
-        force_mN : float
-            Force of the press in mN.
-        width_mm : float
-            Width of the press along the strip, in mm.
-        strain : float
-            Strain of the strip: elongation divided by the length at rest.
-        bend_deg : float
-            Bending angle of the strip in degrees.
-
-        Returns
-        -------
-        numpy.ndarray, shape (6,)
-            Expected counts.
+        `position_um` is counted from the sensor's end; `strain` is elongation by length at rest.
         """
         share = self._coupling(force_mN)
         return self._of_share(share, position_um, width_mm, strain, bend_deg)
@@ -124,40 +93,15 @@ class Bound:
         """Return the Cramer-Rao bound of a force that is estimated from one reading, in mN.
 
         The bound includes the noise of the LED, which is the same in all channels.
-
-        Parameters
-        ----------
-        position_um : float
-            Distance of the press from the sensor's end, in um.
-        force_mN : float
-            Force of the press in mN.
-
-        Returns
-        -------
-        float
-            Smallest standard deviation of the force.
         """
         _, light = self.sigma(position_um, force_mN)
         ahead, back = (self._coupling(force_mN + step) for step in (_STEP_MN, -_STEP_MN))
         return math.hypot(light, self._led) / (math.log(ahead / back) / (2 * _STEP_MN))
 
     def sigma(self, position_um, force_mN, **press) -> tuple[float, float]:
-        """Return the Cramer-Rao bounds of position and light, from one reading.
+        """Return the least standard deviations of position in um and of ln(coupled light).
 
-        Parameters
-        ----------
-        position_um : float
-            Distance of the press from the sensor's end, in um.
-        force_mN : float
-            Force of the press in mN.
-        **press : float
-            Further parameters of `counts`: width_mm, strain, bend_deg.
-
-        Returns
-        -------
-        tuple of float
-            Smallest standard deviations: of the position in um, and of the natural logarithm of the
-            coupled light.
+        `press` has further parameters of `counts`.
         """
         counts = self.counts(position_um, force_mN, **press)
         step_um = 1000 * _STEP_MM

@@ -28,32 +28,10 @@ def measure(
     change_name: str | None = None,
     hand: Hand = NO_HAND,
 ) -> None:
-    """Measure the accuracy of a simulated sensor, and print the results.
+    """Measure the accuracy of a simulated sensor; print tables, or one JSON object with `as_json`.
 
-    Parameters
-    ----------
-    sensor_name : str
-        Sensor file: a path, or a name such as ``default``.
-    seed : int
-        Random seed of the noise.
-    exposure_us : int
-        Integration time in us.
-    average : int
-        Number of samples in a reading.
-    as_json : bool
-        True to print one JSON object, False to print tables.
-    out : str or None
-        Folder for figures; None to draw none.
-    change_name : str or None
-        File of the sensor's changes since the calibration: a path, or a name such as ``warm``.
-        None for no change.
-    hand : Hand
-        Options of the re-zero, which corrects the calibration after the change with a few presses.
-
-    Raises
-    ------
-    SettingError
-        If a file or an option is invalid, or the sensor cannot be calibrated.
+    Sensor and change are names or paths of files. `out` is a folder for figures, if any.
+    SettingError if a file or an option is invalid, or the sensor cannot be calibrated.
     """
     if not MIN_US <= exposure_us <= MAX_US:
         raise SettingError(f"--exposure-us must be from {MIN_US} to {MAX_US}, not {exposure_us}")

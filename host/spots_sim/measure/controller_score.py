@@ -23,21 +23,7 @@ _STEP_S = 0.001
 class ControllerScore:
     """Compares a controller's axis X with the true X, computed from the scenario's only finger.
 
-    Parameters
-    ----------
-    settings : ControllerSettings
-        Settings of the controller, with the response curve of X.
-    length_um : float
-        Length of the strip in um.
-    scenario : Scenario
-        True fingers over time.
-    started_s : float
-        Host time in seconds at which the scenario's time is 0.
-
-    Attributes
-    ----------
-    states : int
-        Number of gamepad states sent.
+    `started_s` is the host time at which the scenario's time is 0.
     """
 
     def __init__(
@@ -54,30 +40,14 @@ class ControllerScore:
         self.states = 0
 
     def read(self, touch: Touch, state: State) -> None:
-        """Compare the axis X of a gamepad state with the true X at the time of the reading.
-
-        Parameters
-        ----------
-        touch : Touch
-            A reading.
-        state : State
-            Gamepad state that the controller computed from this reading.
-        """
+        """Compare the X that the controller computed from a reading with the true X at its time."""
         wanted = self._wanted(touch.time_s)
         if usable(touch) and wanted is not None:
             self._squares += (state.x - wanted) ** 2
             self._compared += 1
 
     def sent(self, state: State, now_s: float) -> None:
-        """Compare the change of X since the last sent state with the finger's movement.
-
-        Parameters
-        ----------
-        state : State
-            Gamepad state that was sent.
-        now_s : float
-            Host time at which the state was sent, in seconds.
-        """
+        """Compare the change of X since the last sent state with the finger's movement."""
         start_s = max(self._last_s, now_s - 1) - _BACK_S
         end_s = now_s + (_LIFT_S if state[:3] == REST[:3] else 0)
         count = round((end_s - start_s) / _STEP_S)
@@ -101,15 +71,10 @@ class ControllerScore:
         return axis_value(deflection(value, rest, low, high), self._settings)
 
     def summary(self) -> dict:
-        """Return the results of the run.
+        """Return the results of the run, in per cent of the range from the centre of X to its end.
 
-        Returns
-        -------
-        dict
-            ``states``: number of gamepad states sent. ``largest_unexplained_jump_percent``: largest
-            change of X between two sent states, beyond the change that the finger's movement
-            causes. ``x_rms_percent``: root mean square error of X; None without a compared reading.
-            The percentages refer to the range from the centre of X to its end.
+        A jump is *unexplained* by what it exceeds the change that the finger's movement causes. The
+        root mean square error is None without a compared reading.
         """
         rms = math.sqrt(self._squares / self._compared) if self._compared else None
         return {

@@ -23,14 +23,9 @@ _CURVE_DEGREE = 7
 
 @dataclass(frozen=True)
 class Response:
-    """Logarithm of the ratio of two channels along a strip.
+    """Natural logarithm of the ratio of two channels' counts along a strip.
 
-    Attributes
-    ----------
-    x_um : numpy.ndarray, shape (n,)
-        Distance from the sensor's end, in um.
-    log_ratio : numpy.ndarray, shape (n,)
-        Natural logarithm of the ratio of the counts.
+    Positions are counted from the sensor's end; both arrays have shape (n,).
     """
 
     x_um: np.ndarray
@@ -42,22 +37,8 @@ def family(
 ) -> dict[str, dict[float, Response]]:
     """Measure the responses of strips of different lengths and dyes, with the real firmware.
 
-    Parameters
-    ----------
-    sensor : SensorFile
-        Sensor whose length and dye are varied.
-    channels : tuple of str
-        Names of two diodes; the ratio is the second divided by the first.
-    seed : int
-        Random seed of the noise.
-    exposure_us : int
-        Integration time in us.
-
-    Returns
-    -------
-    dict
-        ``length``: dict of `Response` by length in mm, with the dye of `sensor`. ``dye``: dict of
-        `Response` by relative dye strength, with the length of `sensor`.
+    The ratio is the second channel divided by the first. The keys are ``length``, with responses by
+    length in mm, and ``dye``, with responses by relative dye strength.
     """
 
     def measured(**changes):
@@ -74,14 +55,9 @@ def family(
 
 
 def departure_um(lengths: dict[float, Response]) -> float:
-    """Return the largest position error in um if the longest strip's response is used for all.
+    """Return the largest position error if the longest strip's response is used for all lengths.
 
-    The error is 0 if the response does not depend on the length of the strip.
-
-    Parameters
-    ----------
-    lengths : dict of float to Response
-        Responses by length in mm. Each strip is compared with the longest strip.
+    It is 0 if the response does not depend on the length of the strip. The keys are lengths in mm.
     """
     longest = lengths[max(lengths)]
     degree = min(_CURVE_DEGREE, len(longest.x_um) // 2)

@@ -26,13 +26,7 @@ def require() -> None:
 
 
 def folder(path: str | Path) -> Path:
-    """Create a folder unless it exists, and return its path.
-
-    Raises
-    ------
-    FileError
-        If the folder cannot be created.
-    """
+    """Create a folder unless it exists, and return its path; FileError if this is impossible."""
     path = Path(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -50,21 +44,9 @@ def check_folder(path: str | Path) -> None:
 
 
 def draw(run, responses: dict, out: Path) -> list[Path]:
-    """Draw all figures of a characterisation as PNG files.
+    """Draw all figures of a characterisation as PNG files in an existing folder.
 
-    Parameters
-    ----------
-    run : measurements.Run
-        Results to draw.
-    responses : dict
-        Responses of strips of different lengths and dyes, from `family.family`.
-    out : Path
-        Existing folder for the PNG files.
-
-    Returns
-    -------
-    list of Path
-        The PNG files.
+    `responses` are those of `family.family`.
     """
     reading = f"{run.summary['reading_ms']:.3g} ms a reading"
     made = {
@@ -80,25 +62,7 @@ def draw(run, responses: dict, out: Path) -> list[Path]:
 
 
 def save(figure, path: Path) -> Path:
-    """Write a figure to a file, and free the figure's memory.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure.
-    path : Path
-        Path of the PNG file.
-
-    Returns
-    -------
-    Path
-        `path`.
-
-    Raises
-    ------
-    SpotsError
-        If the file cannot be written.
-    """
+    """Write a figure to a PNG file, and free the figure's memory; return `path`."""
     with atomic.replacing(path, _PNG) as file:
         # Without versions and dates, which would change the file although the picture is the same.
         figure.savefig(file, format="png", dpi=_DPI, metadata={"Software": None})
@@ -106,23 +70,10 @@ def save(figure, path: Path) -> Path:
 
 
 def panels(columns: int = 1, rows: int = 1, width: float = 7.0, height: float = 4.0, **options):
-    """Create a figure with a grid of axes.
+    """Create a figure with a grid of axes; its size is in inches.
 
-    Parameters
-    ----------
-    columns, rows : int
-        Number of columns and rows of axes.
-    width, height : float
-        Size of the figure, in inches.
-    **options
-        Further arguments of `matplotlib.figure.Figure.subplots`.
-
-    Returns
-    -------
-    figure : matplotlib.figure.Figure
-        The figure.
-    axes : matplotlib.axes.Axes or ndarray of them
-        Axes with the shape that `subplots` returns.
+    Returned are the figure, and axes in the shape of `matplotlib.figure.Figure.subplots`, which
+    gets the `options`.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -138,53 +89,19 @@ def panels(columns: int = 1, rows: int = 1, width: float = 7.0, height: float = 
 
 
 def label(axis, title: str, x: str, y: str, **limits) -> None:
-    """Set the title and the labels of axes.
-
-    Parameters
-    ----------
-    axis : matplotlib.axes.Axes
-        The axes.
-    title : str
-        Title, above the axes on the left.
-    x, y : str
-        Labels of the x axis and the y axis, with units.
-    **limits
-        Further arguments of `matplotlib.axes.Axes.set`, such as ``ylim``.
-    """
+    """Set title and labels of axes; `limits` go to `matplotlib.axes.Axes.set`."""
     axis.set_title(title, loc="left", fontsize=11)
     axis.set(xlabel=x, ylabel=y, **limits)
 
 
 def line(axis, i: int, x, y, name=None, **options) -> None:
-    """Draw points joined by a line.
-
-    Parameters
-    ----------
-    axis : matplotlib.axes.Axes
-        The axes.
-    i : int
-        Number of the colour and marker, from 0.
-    x, y : array_like, shape (n,)
-        Coordinates in the units of the axes.
-    name : str, optional
-        Text in the legend.
-    **options
-        Further arguments of `matplotlib.axes.Axes.plot`.
-    """
+    """Draw points joined by a line in colour and marker number `i`, with `name` in the legend."""
     style = {"color": _COLOURS[i], "marker": _MARKERS[i], "markersize": 4, "linewidth": 1.3}
     axis.plot(x, y, label=name, **(style | options))
 
 
 def legend(axis, **options) -> None:
-    """Draw a legend without a frame.
-
-    Parameters
-    ----------
-    axis : matplotlib.axes.Axes
-        The axes.
-    **options
-        Further arguments of `matplotlib.axes.Axes.legend`.
-    """
+    """Draw a legend without a frame."""
     axis.legend(**({"frameon": False, "fontsize": 9} | options))
 
 

@@ -18,22 +18,8 @@ _SAMPLES = 721
 def iso_angles(linkage: Linkage, joint: int, theta_rad: float, usable=None) -> tuple:
     """Return the end point's path while one joint is fixed and the other turns (paper, Fig. 7B).
 
-    Parameters
-    ----------
-    linkage : Linkage
-        Five-bar linkage.
-    joint : int
-        Index of the fixed joint, 0 or 1.
-    theta_rad : float
-        Angle of the fixed joint in rad.
-    usable : callable, optional
-        ``usable(x_mm, y_mm)`` returns a bool array: which positions are in the workspace.
-
-    Returns
-    -------
-    x_mm, y_mm : numpy.ma.MaskedArray, shape (n,)
-        Positions of the end point in mm; masked where the linkage cannot reach, or `usable` is
-        false.
+    The arrays x_mm and y_mm are masked where the linkage cannot reach, or ``usable(x_mm, y_mm)`` (a
+    bool array of positions in the workspace) is false.
     """
     other = np.linspace(-np.pi, np.pi, _SAMPLES)
     theta = (theta_rad, other) if joint == 0 else (other, theta_rad)
@@ -49,27 +35,8 @@ def iso_angles(linkage: Linkage, joint: int, theta_rad: float, usable=None) -> t
 def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> Path:
     """Draw lines of equal joint angles over the workspace, as in Fig. 7B of the paper.
 
-    Parameters
-    ----------
-    linkage : Linkage
-        Five-bar linkage.
-    path : Path
-        PNG file to write.
-    step_deg : int
-        Difference of the joint angles of two neighbouring lines, in degrees.
-    mechanism : spots_sim.person.mechanism.Mechanism, optional
-        Mechanism whose joints limit the workspace by their travel. By default any travel is
-        allowed.
-
-    Returns
-    -------
-    Path
-        The PNG file.
-
-    Raises
-    ------
-    SpotsError
-        If matplotlib is missing, or the file cannot be written.
+    The joints of `mechanism` limit the workspace by their travel; by default, any travel is
+    allowed. Needs matplotlib, like the functions below: RequirementError.
     """
     require()
 
@@ -115,23 +82,6 @@ def deviation(survey: Survey, path: Path) -> Path:
 
     The picture has three maps: with nominal lengths, with true lengths, and after a kinematic
     calibration.
-
-    Parameters
-    ----------
-    survey : Survey
-        Measured errors in mm.
-    path : Path
-        PNG file to write.
-
-    Returns
-    -------
-    Path
-        The PNG file.
-
-    Raises
-    ------
-    SpotsError
-        If matplotlib is missing, or the file cannot be written.
     """
     require()
     parts = {
@@ -154,25 +104,7 @@ def deviation(survey: Survey, path: Path) -> Path:
 
 
 def trajectory(run: PathRun, path: Path) -> Path:
-    """Draw a path, its estimate by the digital twin, and the error over time (paper, Fig. 7D).
-
-    Parameters
-    ----------
-    run : PathRun
-        True and estimated path, in mm and s.
-    path : Path
-        PNG file to write.
-
-    Returns
-    -------
-    Path
-        The PNG file.
-
-    Raises
-    ------
-    SpotsError
-        If matplotlib is missing, or the file cannot be written.
-    """
+    """Draw a path, its estimate by the digital twin, and the error over time (paper, Fig. 7D)."""
     require()
     estimated = [terminal for terminal in run.terminals if not terminal.limit]
     time_s, x_mm, y_mm = np.array([(t.time_s, t.x_mm, t.y_mm) for t in estimated]).T

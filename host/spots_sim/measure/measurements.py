@@ -50,14 +50,9 @@ _ALL_UP_TO_MS, _SAMPLE_MS = 140, 30
 class Run:
     """Results of a characterisation.
 
-    Attributes
-    ----------
-    summary : dict
-        Results that ``spots characterize --json`` prints. Keys end in their units; ``crb`` is the
-        Cramer-Rao bound.
-    series : dict of dict of arrays
-        Arrays for the figures. The first key is the name of a measurement, such as ``position``;
-        the second key is the name of an array, such as ``x_um``.
+    `summary` is what ``spots characterize --json`` prints. Keys end in their units; ``crb`` is the
+    Cramer-Rao bound. `series` has the arrays for the figures by measurement, such as ``position``,
+    and by name, such as ``x_um``.
     """
 
     summary: dict = field(default_factory=dict)
@@ -76,32 +71,10 @@ def characterize(
     """Measure the accuracy of a simulated sensor.
 
     Position and force are measured on the flat strip. Position is also measured on the bent and on
-    the stretched strip, and the angle of a joint with the strip in the joint.
-
-    Parameters
-    ----------
-    sensor : SensorFile
-        Simulated sensor.
-    seed : int
-        Random seed of the noise.
-    exposure_us, average : int
-        Integration time in us, and number of samples in a reading.
-    progress : callable
-        ``progress(name)`` is called at the start of each step.
-    change : Change
-        Change of the strip after its calibration. Its values are added to those of the table
-        ``[change]`` in the sensor file.
-    hand : Hand
-        Options of the re-zero. After the change, it corrects the calibration with a few presses.
-
-    Returns
-    -------
-    Run
-
-    Raises
-    ------
-    SettingError
-        If the sensor cannot be calibrated at this exposure.
+    the stretched strip, and the angle of a joint with the strip in the joint. `change` is added to
+    the table ``[change]`` of the sensor file. After it, `hand` re-zeroes the calibration with a few
+    presses. ``progress(name)`` is called at the start of each step. SettingError if the sensor
+    cannot be calibrated at this exposure.
     """
     run = Run()
     rng = np.random.default_rng(seed + 1)
@@ -142,19 +115,7 @@ def characterize(
 def crb_ratio(rig: Rig, seed: int, jittered: int = _JITTERED) -> float:
     """Return the standard deviation of the measured position divided by its Cramer-Rao bound.
 
-    Parameters
-    ----------
-    rig : Rig
-        A calibrated strip.
-    seed : int
-        Random seed of the presses.
-    jittered : int
-        Number of presses at each position.
-
-    Returns
-    -------
-    float
-        Mean ratio over `PLACES`; 1 for an efficient estimator.
+    It is the mean over `PLACES`, with `jittered` presses at each; 1 for an efficient estimator.
     """
     rng = np.random.default_rng(seed)
     bound, pair = bound_of(rig), OnePair(rig.along[0], rig.noise)
@@ -203,18 +164,8 @@ def _jittered(rig: Rig, rng, place_um: float, count: int):
 def _scatter(rig: Rig, rng, place_um: float, count: int, bound: Bound, pair: OnePair):
     """Press `count` times around `place_um`; compare the position errors with the Cramer-Rao bound.
 
-    Returns
-    -------
-    errors : numpy.ndarray, shape (count,)
-        Errors of the positions that the board reports, in um.
-    scatter : float
-        Standard deviation of these errors, in um.
-    pair_scatter : float
-        Standard deviation of the errors of `pair` (position estimate from two channels), in um.
-    least : float
-        Cramer-Rao bound of the standard deviation, in um.
-    untrusted : float
-        Share of the readings that the board marked as untrusted, in per cent.
+    Returned are, in um: the errors, shape (count,), their standard deviation, that of the estimate
+    `pair` from two channels, and the bound; then the share of untrusted readings in per cent.
     """
     true_um, _, readings, counts = zip(*_jittered(rig, rng, place_um, count))
     errors = np.array([r.position_um for r in readings]) - true_um
@@ -282,14 +233,10 @@ def _light_over_noise(counts: np.ndarray) -> float:
 
 
 def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
-    """Measure the noise of the position estimate `pair`, from readings of one sample each.
+    """Return for each position of the estimate `pair` scatter by bound, and signal-to-noise ratio.
 
-    `rig` is a calibrated strip, which is pressed at the positions `x_um`; `rng` is the random
-    generator.
-
-    Returns, for each position, the ratio of the estimate's scatter to the Cramer-Rao bound, and the
-    signal-to-noise ratio of the counts. Readings of several samples cannot be used: the board
-    rounds their mean counts, and this changes the noise.
+    Readings of several samples cannot be used: the board rounds their mean counts, and this changes
+    the noise.
     """
     average = rig.average
     rig.set_average(1)

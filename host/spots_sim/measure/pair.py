@@ -15,17 +15,7 @@ _CURVE_DEGREE = 7
 class OnePair:
     """Estimates the position from the ratio of the two best channels (Eq. 2 of the paper).
 
-    Parameters
-    ----------
-    along : Presses
-        Presses with one force at positions along the whole strip.
-    noise : Noise
-        Noise of the counts.
-
-    Attributes
-    ----------
-    channels : tuple of int
-        Indices of the two channels with the lowest position noise.
+    Best are those with the lowest position noise for presses with one force along the whole strip.
     """
 
     def __init__(self, along: Presses, noise: Noise):
@@ -40,13 +30,7 @@ class OnePair:
         self._curve = Chebyshev.fit(self.log_ratio(along.counts), along.position_um, _CURVE_DEGREE)
 
     def log_ratio(self, counts: np.ndarray) -> np.ndarray:
-        """Return the natural logarithm of the ratio of the two channels.
-
-        Parameters
-        ----------
-        counts : numpy.ndarray, shape (..., 6)
-            Dark-subtracted counts.
-        """
+        """Return the natural logarithm of the ratio of dark-subtracted counts, shape (..., 6)."""
         i, j = self.channels
         return np.log(counts[..., j] / counts[..., i])
 

@@ -37,19 +37,11 @@ _NOBODY = Path("characterize")  # stands for the calibration file in error messa
 class Hand:
     """Options of a re-zero: the person presses marked positions again to correct a calibration.
 
-    Attributes
-    ----------
-    marks : int
-        Number of marks to press: 0 for no re-zero, 1 for a quick re-zero, 3 for a complete one.
-    presses : int
-        Number of presses on each mark.
-    error_um : float
-        Standard deviation of the position error of a press on a mark, in um. The presses of the
-        calibration itself have no position error.
-    scale : bool
-        Whether a scale shows the force of each press, so that the force is corrected too.
-    by_hand : bool
-        Whether a hand presses the strip after the calibration, and not a stage.
+    `marks` is 0 for no re-zero, 1 for a quick re-zero, 3 for a complete one; `presses` are those on
+    each mark. `error_um` is the standard deviation of the position of such a press; the presses of
+    the calibration have no position error. With `scale`, a scale shows the force of each press, so
+    that the force is corrected too. With `by_hand`, a hand and not a stage presses the strip after
+    the calibration.
     """
 
     marks: int = 0
@@ -80,19 +72,7 @@ class _ShakyPresser(StagePresser):
 
 
 def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
-    """Return board, strip and presser as a `Bench`, for a re-zero that prints nothing.
-
-    Parameters
-    ----------
-    stage : Stage
-        Stage with the strip.
-    presser : StagePresser
-        Presses the strip.
-
-    Returns
-    -------
-    Bench
-    """
+    """Return board, strip and presser for a re-zero that prints nothing."""
     guide = Guide(Console(file=io.StringIO()))
     return Bench(stage.reader, presser, guide, stage.length_um, _NOBODY)
 
@@ -102,13 +82,8 @@ def recalibrated(sensor: SensorFile) -> tuple[str, ...]:
     """Calibrate a simulated sensor, change the sensor, and correct the calibration (re-zero).
 
     The table ``[change]`` of the sensor file describes the change. A stage calibrates the strip,
-    and a finger presses the marks of the re-zero. Returns the text lines of the corrected
-    calibration.
-
-    Raises
-    ------
-    SpotsError
-        If the sensor's readings do not allow a calibration.
+    and a finger presses the marks of the re-zero. Returned are the text lines of the corrected
+    calibration. SpotsError if the sensor's readings do not allow a calibration.
     """
     with Rig(sensor, 0, DEFAULT_US, 1) as rig:
         age(rig, sensor.change, Hand(len(MARKS), by_hand=True), 0)
@@ -120,23 +95,8 @@ def age(
 ) -> str | None:
     """Change a calibrated strip, then correct its calibration with a few presses (re-zero).
 
-    Parameters
-    ----------
-    rig : Rig
-        A calibrated strip.
-    change : Change
-        Change of the strip since its calibration.
-    hand : Hand
-        Options of the re-zero.
-    seed : int
-        Random seed of the position errors, see `Hand.error_um`.
-    wear : callable, optional
-        Called when the strip changes, after the marks of the calibration: bends it, for example.
-
-    Returns
-    -------
-    str or None
-        Description of the drift; None without a re-zero.
+    `wear` is called when the strip changes, after the marks of the calibration: it bends the strip,
+    for example. Returned is a description of the drift; None without a re-zero.
     """
     if not hand.marks:
         wear()

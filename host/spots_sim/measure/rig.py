@@ -27,28 +27,10 @@ _REQUEST_US = 2_000_000  # duration of a dark frame on request
 class Rig:
     """A calibrated strip on a simulated stage (`stage.Stage`). Use it in a ``with`` statement.
 
-    Parameters
-    ----------
-    sensor : SensorFile
-        Simulated sensor.
-    seed : int
-        Random seed of the noise.
-    exposure_us : int
-        Integration time in us.
-    average : int
-        Number of samples in a reading.
-    compensated : bool
-        Whether the board compensates hysteresis and creep, if the sensor file has them.
-
-    Attributes
-    ----------
-    along : dict of int to Presses
-        Presses that the calibration is made from. Key: strain of the strip in ppm; value: presses
-        at positions along the whole strip.
-    noise : Noise
-        Noise of the counts, estimated from the presses of the calibration.
-    lines : tuple of str
-        Text lines of the original calibration, without the corrections of `shift`.
+    `average` is the number of samples in a reading. With `compensated`, the board compensates
+    hysteresis and creep, if the sensor file has them. `along` has the presses of the calibration at
+    positions along the whole strip, by strain in ppm; `noise` is estimated from them. `lines` is
+    the text of the original calibration, without the corrections of `shift`.
     """
 
     def __init__(
@@ -116,12 +98,7 @@ class Rig:
     def shift(self, place_um, shifts) -> None:
         """Correct the calibration on the board as a re-zero does; see `spots.calibrate.fit.shift`.
 
-        Parameters
-        ----------
-        place_um : sequence of float, length n
-            Positions of the marks, in um from the sensor's end of the strip.
-        shifts : array_like, shape (n, 6)
-            Shift of each channel at each mark, in units of log2.
+        `shifts` has shape (n, 6) in units of log2: n marks, six channels.
         """
         self._shift = place_um, shifts
         self._send()
@@ -163,21 +140,8 @@ class Rig:
     def readings(self, position_um: float, force_mN: float, count: int):
         """Press the strip; return readings whose integration lies completely within the press.
 
-        Parameters
-        ----------
-        position_um : float
-            Distance of the press from the sensor's end of the strip, in um.
-        force_mN : float
-            Force of the press in mN.
-        count : int
-            Number of readings.
-
-        Returns
-        -------
-        touches : list of Touch
-            Readings with position and force.
-        counts : numpy.ndarray, shape (count, 6)
-            Dark-subtracted counts: means over the samples of each reading, rounded by the board.
+        The counts, shape (count, 6), are dark-subtracted means over the samples of each reading,
+        rounded by the board.
         """
         self.stage.press(position_um, force_mN)
         return self._held(count)
@@ -195,21 +159,7 @@ class Rig:
     def turned(self, angle_deg: float, direction: int, count: int):
         """Turn the joint whose indenter presses the strip; return readings as `readings` does.
 
-        Parameters
-        ----------
-        angle_deg : float
-            Angle of the joint in degrees.
-        direction : int
-            1 if the angle is reached from below, -1 if from above.
-        count : int
-            Number of readings.
-
-        Returns
-        -------
-        touches : list of Touch
-            Readings with position and force.
-        counts : numpy.ndarray, shape (count, 6)
-            Dark-subtracted counts of each reading.
+        `direction` is 1 if the angle is reached from below, -1 if from above.
         """
         self.stage.turn(angle_deg, direction)
         return self._held(count)

@@ -20,13 +20,7 @@ class Score:
 
     Rate and latency are those of all readings. For the error, a reading is *compared* with the true
     finger if it is a trusted touch and the scenario has exactly one finger at this time.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        True fingers over time.
-    started_s : float
-        Host time in seconds at which the scenario's time is 0.
+    `started_s` is the host time at which the scenario's time is 0.
     """
 
     def __init__(self, scenario: Scenario, started_s: float):
@@ -42,15 +36,7 @@ class Score:
         self.touches = 0
 
     def take(self, touch: Touch, arrived_s: float) -> None:
-        """Process a reading; compare it with the scenario's finger if there is exactly one.
-
-        Parameters
-        ----------
-        touch : Touch
-            The reading.
-        arrived_s : float
-            Host time at which the reading arrived, in seconds.
-        """
+        """Process a reading; compare it with the scenario's finger if there is exactly one."""
         if not self.readings:
             self._first_s = touch.time_s
         self._last_s = touch.time_s
@@ -125,23 +111,7 @@ class Score:
         return {"link": {"rate": f"{self.rate_hz:.1f} Hz", "latency": latency}, "rows": rows}
 
     def summary(self, info: dict, stats: LinkStats) -> dict:
-        """Return the results of the run.
-
-        Parameters
-        ----------
-        info : dict
-            The board's reply to ``hello``.
-        stats : LinkStats
-            Statistics of the link.
-
-        Returns
-        -------
-        dict
-            ``runtime`` and ``board``: from the board's reply. ``frames``, ``lost`` and ``bad_crc``:
-            numbers of valid, lost and damaged frames. ``restarts``: restarts of the board.
-            ``touches``: number of touches. ``latency_ms``: percentiles ``p50`` and ``p99``. Each
-            other key has the name of a property of this class.
-        """
+        """Return the results of the run: from the reply to ``hello``, the link, and this class."""
         return {
             "runtime": info["runtime"],
             "board": info["board"],

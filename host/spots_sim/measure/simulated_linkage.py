@@ -50,16 +50,8 @@ _APART = 0.4  # delay between the two boards' exposures, as a share of an exposu
 class Turned(NamedTuple):
     """Measurement of a joint at one angle, for `spots.calibrate.session.joint.fit_joint`.
 
-    Attributes
-    ----------
-    angle_deg : float
-        True angle in degrees.
-    direction : int
-        1 if the angle was reached from below, -1 if from above.
-    position_um, position_sigma_um : float
-        Mean and standard deviation of the measured positions, in um.
-    counts : numpy.ndarray, shape (6,)
-        Mean dark-subtracted counts.
+    `direction` is 1 if the angle was reached from below, -1 if from above. `counts` are the six
+    dark-subtracted means.
     """
 
     angle_deg: float
@@ -75,23 +67,8 @@ def calibrated(
 ) -> CalibrationFile:
     """Calibrate a simulated strip and the joint in which it is mounted.
 
-    Parameters
-    ----------
-    sensor : SensorFile
-        Simulated sensor, calibrated before the change that the table ``[change]`` of its file
-        describes.
-    seed : int
-        Random seed of the noise.
-    exposure_us : int
-        Integration time in us.
-    rezeroed : bool, optional
-        Whether the calibration is corrected after this change (re-zero), at three angles of the
-        joint.
-
-    Returns
-    -------
-    CalibrationFile
-        Calibration that includes the joint.
+    The strip is calibrated before the change of the table ``[change]``. With `rezeroed`, the
+    calibration is corrected after it, at three angles of the joint.
     """
     up = np.linspace(0, sensor.joint_travel_deg, _ANGLES).tolist()
     points = []
@@ -124,38 +101,12 @@ def calibrated(
 class Simulation:
     """A linkage that follows a motion one time; virtual boards read the strips in its two joints.
 
-    Call `close` at the end, or use a ``with`` statement.
-
-    Parameters
-    ----------
-    sensor : SensorFile
-        Sensor file of both strips.
-    linkage : LinkageFile
-        Nominal linkage and its errors.
-    motion : Motion
-        Motion of the end point; it must begin at the time ``start_s(sensor)``.
-    seed : int
-        Random seed. The same seed gives the same two strips.
-    exposure_us : int
-        Integration time of both strips, in us.
-    run : int
-        Number of the run. Runs with the same seed have the same strips, but different noise.
-    rezeroed : bool, optional
-        Whether the calibrations were corrected (re-zero) after the change that the table
-        ``[change]`` of the sensor file describes.
-    misfits : bool, optional
-        Whether readings are used even if their spectrum does not fit the calibration.
-    one_board : bool, optional
-        Whether one board has both strips; by default, each strip has its own board.
-
-    Attributes
-    ----------
-    mechanism : Mechanism
-        The true linkage.
-    strips : list of CalibrationFile
-        Calibrations of the two strips.
-    boards : list of Board
-        Board of each joint; the same object twice if one board has both strips.
+    Call `close` at the end, or use a ``with`` statement. The motion must begin at
+    ``start_s(sensor)``. The same seed gives the same two strips; runs of another number differ in
+    noise only. With `rezeroed`, the calibrations were corrected after the table ``[change]``; with
+    `misfits`, readings are used even if their spectrum does not fit the calibration. With
+    `one_board`, both strips have one board, which is twice in `boards`. `mechanism` is the true
+    linkage.
     """
 
     def __init__(
@@ -222,13 +173,7 @@ class Simulation:
         self._opened.close()
 
     def encoders(self, offset_rad=None) -> tuple[Encoder, Encoder]:
-        """Return an `Encoder` for each joint, which computes the joint angle from strip readings.
-
-        Parameters
-        ----------
-        offset_rad : sequence of float, optional
-            Mounting angle of each strip in its joint, in rad; the true angles by default.
-        """
+        """Return an `Encoder` for each joint; the mounting angles are the true ones by default."""
         offset_rad = self.mechanism.zero_rad if offset_rad is None else offset_rad
         return tuple(Encoder(strip.joint, one) for strip, one in zip(self.strips, offset_rad))
 
@@ -242,23 +187,7 @@ class Simulation:
 class Endless:
     """A simulated five-bar linkage that repeats a path without end, in real time.
 
-    Parameters
-    ----------
-    sensor : SensorFile
-        Sensor file of both strips.
-    linkage : LinkageFile
-        Nominal linkage and its errors.
-    path : PathFile
-        Path of the end point.
-    seed : int
-        Random seed of the noise.
-    exposure_us : int
-        Integration time of both strips, in us.
-
-    Attributes
-    ----------
-    linkage : Linkage
-        The linkage with its true lengths.
+    `linkage` has its true lengths.
     """
 
     def __init__(
@@ -310,37 +239,13 @@ def start_s(sensor: SensorFile) -> float:
 
 
 def moved(strip: CalibrationFile, number: int) -> CalibrationFile:
-    """Return a copy of a calibration that is valid for another strip of the same board.
-
-    Parameters
-    ----------
-    strip : CalibrationFile
-        Calibration of strip 0.
-    number : int
-        New number of the strip.
-
-    Returns
-    -------
-    CalibrationFile
-    """
+    """Return a copy of strip 0's calibration that is valid for another strip of the same board."""
     lines = tuple(strip_lines(strip.lines, number))
     return msgspec.structs.replace(strip, board=f"{strip.board}-{number}", lines=lines)
 
 
 def of_board(strip: CalibrationFile, board: str) -> CalibrationFile:
-    """Return a copy of a calibration that is valid for another board.
-
-    Parameters
-    ----------
-    strip : CalibrationFile
-        Calibration of a strip.
-    board : str
-        Id of the other board.
-
-    Returns
-    -------
-    CalibrationFile
-    """
+    """Return a copy of a calibration that is valid for another board."""
     lines, original = (tuple(board_lines(one, board)) for one in (strip.lines, strip.original))
     return msgspec.structs.replace(strip, board=board, lines=lines, original=original)
 
@@ -369,30 +274,11 @@ def visited(
     run: int = 0,
     **condition: bool,
 ) -> list[list[list[Angle]]]:
-    """Stop the end point at each position for a second, and read both joints.
+    """Stop the end point at each position for a second; return angles by joint and position.
 
-    Parameters
-    ----------
-    sensor : SensorFile
-        Sensor file of both strips.
-    linkage : LinkageFile
-        Nominal linkage and its errors.
-    x_mm, y_mm : array_like, shape (n,)
-        Positions of the end point in mm.
-    seed : int
-        Random seed of the strips and of the noise.
-    exposure_us : int
-        Integration time of both strips, in us.
-    run : int
-        Number of the run. Runs with the same seed have the same strips, but different noise.
-    **condition : bool
-        ``rezeroed``, ``misfits`` and ``one_board``, see `Simulation`.
-
-    Returns
-    -------
-    list of list of list of Angle
-        For each joint and position: the angles, corrected for backlash and counted from the zero of
-        the joint's calibration.
+    The angles are corrected for backlash, and counted from the zero of the joint's calibration.
+    Runs of one seed have the same strips, but different noise. The conditions are those of
+    `Simulation`.
     """
     dwell_s = LASTS_S + 1.5e-6 * exposure_us
     motion = dwelling(x_mm, y_mm, start_s(sensor), dwell_s, _MOVE_S)

@@ -31,15 +31,7 @@ _DRAWS = 2000  # number of random draws for the expected errors
 
 @dataclass(frozen=True)
 class Deviation:
-    """Distances between estimated and true positions of the end point.
-
-    Attributes
-    ----------
-    error_mm : numpy.ndarray, shape (n,)
-        Distance at each position, in mm.
-    mean_mm, max_mm : float
-        Mean and maximum of these distances, in mm.
-    """
+    """Distances between estimated and true positions of the end point."""
 
     error_mm: np.ndarray
 
@@ -56,23 +48,10 @@ class Deviation:
 class Survey:
     """Errors of a linkage's digital twin, measured at rest at positions of the workspace.
 
-    Attributes
-    ----------
-    x_mm, y_mm : numpy.ndarray, shape (n,)
-        Positions of the end point in mm.
-    drawn : Deviation
-        Errors with the nominal lengths and mounting angles.
-    given : Deviation
-        Errors with the true lengths and mounting angles.
-    calibrated : Deviation
-        Errors after a kinematic calibration that started from the nominal values.
-    rested : Deviation
-        As `calibrated`, but from the mean of all readings at a position, not from one reading.
-    expected_mean_mm, expected_max_mm : float
-        Expected mean and maximum error in mm with the true lengths, computed from the standard
-        errors of the measured joint angles.
-    kinematics : kinematics.Kinematics
-        Result of the kinematic calibration.
+    `drawn` has the nominal lengths and mounting angles, `given` the true ones, `calibrated` those
+    of a kinematic calibration that started from the nominal values; `rested` is `calibrated` with
+    the mean of all readings at a position, not with one reading. The expected errors are those of
+    the true lengths, from the standard errors of the joint angles.
     """
 
     x_mm: np.ndarray
@@ -97,31 +76,9 @@ def survey(
     """Calibrate a simulated five-bar linkage, then measure its digital twin's error on a grid.
 
     The digital twin (`spots_linkage.Twin`) computes the position of the end point from readings of
-    the strips. The grid covers the workspace.
-
-    Parameters
-    ----------
-    sensor : SensorFile
-        Sensor file of both strips.
-    linkage : LinkageFile
-        Nominal linkage and its errors.
-    seed : int
-        Random seed of the noise.
-    exposure_us : int
-        Integration time in us; a reading is one exposure.
-    pitch_mm : float
-        Distance between neighbouring positions of the grid, in mm.
-    **condition : bool
-        ``rezeroed``, ``misfits`` and ``one_board``, see `simulated_linkage.Simulation`.
-
-    Returns
-    -------
-    Survey
-
-    Raises
-    ------
-    SpotsError
-        If scipy is missing, or the sensor cannot be calibrated.
+    the strips, of one exposure each. The grid covers the workspace. The conditions are those of
+    `simulated_linkage.Simulation`. SpotsError if scipy is missing, or the sensor cannot be
+    calibrated.
     """
     mechanism = Mechanism(linkage, sensor)
     rng = np.random.default_rng(seed)
@@ -165,19 +122,8 @@ def survey(
 class PathRun:
     """Estimates of a digital twin with the true lengths, during a motion on a path.
 
-    Attributes
-    ----------
-    motion : Motion
-        True motion of the end point.
-    linkage : Linkage
-        The linkage with its true lengths.
-    terminals : list of Terminal
-        Estimates of the end point's position during the motion.
-    error_mm : numpy.ndarray, shape (n,)
-        Distance between each estimated and true position, in mm. Entries of `terminals` without a
-        position are left out, see `Terminal.limit`.
-    lost : int
-        Number of lost frames.
+    `error_mm` leaves out the entries of `terminals` without a position, see `Terminal.limit`.
+    `lost` counts frames.
     """
 
     motion: Motion
@@ -189,15 +135,8 @@ class PathRun:
     def summary(self) -> dict:
         """Return the results of the run.
 
-        Returns
-        -------
-        dict
-            ``seconds``: time from the first to the last estimated position. ``terminals`` and
-            ``rate_hz``: number and rate of these positions. ``beyond_limits``: number of pairs of
-            joint angles for which the linkage has no position. ``lost``: number of lost frames.
-            ``error_mm``: mean, 95th percentile, maximum and root mean square of the distance from
-            the true position. ``expected_rms_mm``: root mean square of the standard errors that
-            the twin reports.
+        ``beyond_limits`` counts the pairs of joint angles for which the linkage has no position;
+        ``expected_rms_mm`` is that of the standard errors that the twin reports.
         """
         estimated = [terminal for terminal in self.terminals if not terminal.limit]
         span_s = estimated[-1].time_s - estimated[0].time_s
@@ -229,33 +168,9 @@ def follow(
 ) -> PathRun:
     """Move the end point of a simulated linkage along a path; compare path and digital twin.
 
-    Parameters
-    ----------
-    sensor : SensorFile
-        Sensor file of both strips.
-    linkage : LinkageFile
-        Nominal linkage and its errors.
-    path : PathFile
-        Strokes of the end point.
-    seed : int
-        Random seed of the noise.
-    exposure_us : int
-        Integration time of both strips, in us.
-    report : callable
-        ``report(terminal)`` is called with each estimate.
-    **condition : bool
-        ``rezeroed`` and ``misfits``, see `simulated_linkage.Simulation`.
-
-    Returns
-    -------
-    PathRun
-        Estimates and errors.
-
-    Raises
-    ------
-    SettingError
-        If the linkage cannot follow the path, the path is too short for two estimates, or the
-        sensor cannot be calibrated.
+    ``report(terminal)`` is called with each estimate. The conditions are ``rezeroed`` and
+    ``misfits`` of `simulated_linkage.Simulation`. SettingError if the linkage cannot follow the
+    path, the path is too short for two estimates, or the sensor cannot be calibrated.
     """
     begin_s = start_s(sensor)
     motion = guided(path, begin_s)
@@ -283,20 +198,6 @@ def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndar
 
     In the workspace, y > 0, both joints are within their travel, and the angle between the outer
     bars is at least `LEAST_OUTER_RAD`.
-
-    Parameters
-    ----------
-    linkage : Linkage
-        Five-bar linkage.
-    mechanism : Mechanism
-        Mechanism with the travel of the joints.
-    x_mm, y_mm : numpy.ndarray, shape (n,)
-        Positions of the end point in mm.
-
-    Returns
-    -------
-    x_mm, y_mm : numpy.ndarray, shape (m,)
-        Positions in the workspace, in mm.
     """
     theta = linkage.inverse(x_mm, y_mm)
     apart = np.ma.filled(linkage.outer_angle(*theta), 0.0)
@@ -326,9 +227,7 @@ def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
 
 
 def _read(sensor, linkage, places, *arguments, **condition):
-    """Stop a linkage at the positions `places` (x, y in mm), and read both joints.
-
-    The other arguments are those of `simulated_linkage.visited`.
+    """Read both joints at rest at `places` (x, y in mm), with further arguments of `visited`.
 
     Returns the positions, then two pairs of joint angles and standard errors, shape (2, n): one for
     the middle reading of each stop, one for the mean of the readings of each stop. A position is

@@ -17,15 +17,7 @@ _STUCK_S = 0.5  # a key is stuck if it is down for this time without a finger
 
 @dataclass(frozen=True)
 class Stroke:
-    """One touch of a key.
-
-    Attributes
-    ----------
-    began_s, ended_s : float
-        Start and end of the touch, in seconds of the scenario.
-    key : tuple of int or None
-        HID usage page and usage of the key that was touched; None between two keys.
-    """
+    """One touch, in seconds of the scenario; `key` is HID page and usage, None between two keys."""
 
     began_s: float
     ended_s: float
@@ -41,24 +33,9 @@ def strokes(
 ) -> list[Stroke]:
     """Return the touches of a scenario in an interval, with the key that each touch types.
 
-    A touch is assumed to tap the key of the first layer at the position where the touch begins.
-
-    Parameters
-    ----------
-    file : ScenarioFile
-        Scenario, which is repeated without end.
-    layout : KeyLayout
-        Keys of the strip.
-    length_mm : float
-        Length of the strip, in mm.
-    from_s, to_s : float
-        Start and end of the interval, in seconds of the scenario. A touch is included if it does
-        not begin before `from_s`, and ends at least `AFTER_S` before `to_s`.
-
-    Returns
-    -------
-    list of Stroke
-        Touches in the order in which they begin.
+    A touch is assumed to tap the key of the first layer at the position where the touch begins. The
+    scenario repeats without end. A touch is included if it does not begin before `from_s`, and ends
+    at least `AFTER_S` before `to_s`.
     """
     keys = next(iter(layout.layers.values()))
     found = []
@@ -76,16 +53,7 @@ def strokes(
 class TypingScore:
     """Collects key events, and compares the presses with the fingers of a scenario.
 
-    Parameters
-    ----------
-    file : ScenarioFile
-        Scenario with the fingers.
-    layout : KeyLayout
-        Keys of the strip.
-    length_mm : float
-        Length of the strip, in mm.
-    from_s : float
-        Time at which the board began to type, in seconds of the scenario.
+    All times are in seconds of the scenario; the board began to type at `from_s`.
     """
 
     def __init__(self, file: ScenarioFile, layout: KeyLayout, length_mm: float, from_s: float):
@@ -96,17 +64,7 @@ class TypingScore:
         self.late_ms: list[float] = []  # latency of each correct press, after `summary`
 
     def key(self, page: int, usage: int, pressed: bool, time_s: float) -> None:
-        """Record that the board pressed or released a key.
-
-        Parameters
-        ----------
-        page, usage : int
-            HID usage page and usage of the key.
-        pressed : bool
-            True for a press, False for a release.
-        time_s : float
-            Time at which the host received the event, in seconds of the scenario.
-        """
+        """Record a press or a release of a key; the time is that at which the host received it."""
         key = page, usage
         if pressed:
             self._presses.append((time_s, key))
@@ -117,20 +75,10 @@ class TypingScore:
     def summary(self, to_s: float) -> dict:
         """Return the results of the run up to a time.
 
-        Parameters
-        ----------
-        to_s : float
-            End of the run, in seconds of the scenario.
-
-        Returns
-        -------
-        dict
-            Numbers of ``touches``, ``right`` (correct) presses, and ``wrong`` presses (another key
-            than the touched one). ``missed``: touches without a press. ``extra``: presses without a
-            touch. ``no_finger``: wrong or extra presses of a key that no finger touched. ``stuck``:
-            keys that stay pressed for more than 0.5 s after the last finger has left the strip.
-            ``latency_ms``: percentiles ``p50``, ``p90`` and ``p99`` of the time from the start of a
-            touch to the correct press, in ms.
+        ``wrong`` are presses of another key than the touched one, ``missed`` touches without a
+        press, ``extra`` presses without a touch, ``no_finger`` wrong or extra presses of a key that
+        no finger touched, ``stuck`` keys that stay pressed for more than 0.5 s after the last
+        finger has left the strip. ``latency_ms`` is from the start of a touch to the correct press.
         """
         fingers = strokes(*self._parts, to_s)
         presses = [press for press in self._presses if press[0] <= to_s]

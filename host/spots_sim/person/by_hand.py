@@ -49,27 +49,8 @@ def calibrate_by_hand(
 ) -> calibration_file.CalibrationFile:
     """Let a simulated person calibrate a strip, at the present settings of its board.
 
-    Parameters
-    ----------
-    stage : Stage
-        Strip and board; the stage itself does not press.
-    seed : int
-        Random seed of the person's errors.
-    habits : Habits
-        Errors of the person.
-    count : int
-        Number of presses.
-    kind : str
-        Kind of the session: ``fine``, with a scale, or ``rough``, without one.
-
-    Returns
-    -------
-    CalibrationFile
-
-    Raises
-    ------
-    SpotsError
-        If the session gives no calibration.
+    The stage itself does not press. The session is ``fine``, with a scale, or ``rough``, without
+    one. SpotsError if it gives no calibration.
     """
     person = Person(partial(follow, stage.held), stage.length_um / 1000, habits, seed)
     terminal = _Terminal(person)

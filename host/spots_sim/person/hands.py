@@ -7,37 +7,24 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Hands:
-    """Forces and movements of the fingers that type.
+    """Forces and movements of the fingers that type; a pair is the least and the largest value.
 
-    Attributes
-    ----------
-    force_mN, force_spread : float
-        Median of the largest force of a touch in mN, and standard deviation of its natural
-        logarithm. Source: Effects of key stiffness on force and the development of fatigue while
-        typing, Am. Ind. Hyg. Assoc. J. 57, 849, 1996, doi 10.1080/15428119691014549. People press a
-        key that needs 0.28 N with 4.1 to 7.0 times this force; a key that needs 0.83 N, with 2.2 to
-        3.5 times this force.
-    rise_s, lift_s : tuple of float
-        Shortest and longest time in which the force rises, and in which it falls, in seconds. These
-        values and all values below are *assumed*.
-    ramp_share : float
-        Longest time in which the force rises or falls, as a share of the duration of the touch.
-    same_s : float
-        Shortest pause between two touches at the same position, in seconds.
-    apart_mm : float
-        Smallest distance between two fingers, in mm.
-    roll_mm : float
-        Standard deviation of the distance that a finger rolls during a touch, in mm.
-    rolls_mm, slides_mm : tuple of float
-        Shortest and longest distance by which a finger moves, in addition to `roll_mm`: while it
-        rolls during a touch, and while it slides as it lifts. The direction is random.
-    tremor_percent : tuple of float
-        Smallest and largest amplitude of the force's tremor, in per cent of the force.
-    width_mm : tuple of float
-        Smallest and largest width of a finger along the strip, in mm.
-    palm_mN, palm_wobble_percent : float
-        Force with which the palm rests at the far end of the strip while the fingers type, in mN, 0
-        if it does not; and amplitude of this force's tremor, in per cent.
+    `force_mN` is the median of the largest force of a touch, `force_spread` the standard deviation
+    of its natural logarithm. Source: Effects of key stiffness on force and the development of
+    fatigue while typing, Am. Ind. Hyg. Assoc. J. 57, 849, 1996, doi 10.1080/15428119691014549.
+    People press a key that needs 0.28 N with 4.1 to 7.0 times this force; a key that needs 0.83 N,
+    with 2.2 to 3.5 times this force. All other values are *assumed*.
+
+    - `rise_s`, `lift_s`: time in which the force rises, and in which it falls, at most `ramp_share`
+      of the duration of the touch.
+    - `same_s`: shortest pause between two touches at the same position.
+    - `apart_mm`: smallest distance between two fingers.
+    - `roll_mm`: standard deviation of the distance that a finger rolls during a touch.
+    - `rolls_mm`, `slides_mm`: distance by which a finger moves in addition to `roll_mm`, in a
+      random direction: while it rolls during a touch, and while it slides as it lifts.
+    - `tremor_percent`: amplitude of the force's tremor, in per cent of the force.
+    - `palm_mN`, `palm_wobble_percent`: force with which the palm rests at the far end of the strip
+      while the fingers type, 0 if it does not; and amplitude of this force's tremor.
     """
 
     force_mN: float = 2000.0

@@ -29,16 +29,7 @@ def kept(kind: type[T]) -> Callable[[Callable[..., T]], Callable[..., T]]:
     """Return a decorator that caches a function's results in memory, and as files in a folder.
 
     The environment variable SPOTS_CALIBRATIONS names the folder; without it, no file is written.
-
-    Parameters
-    ----------
-    kind : type
-        Type of the results. msgspec must be able to encode the results and the arguments.
-
-    Returns
-    -------
-    callable
-        Decorator.
+    msgspec must be able to encode the results (of type `kind`) and the arguments.
     """
 
     def decorator(make: Callable[..., T]) -> Callable[..., T]:

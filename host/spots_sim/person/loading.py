@@ -45,27 +45,14 @@ def points(loads) -> list[list[tuple[float, float, float]]]:
 def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
     """Press a simulated strip with a series of loads, and read the strip through the firmware.
 
-    Parameters
-    ----------
-    sensor : SensorFile
-        Simulated sensor.
-    lines : sequence of str
-        Text lines of the sensor's calibration.
-    loads : sequence of (float, float, float, float)
-        Each load: its position as a share of the length, its largest force in mN, the duration of
-        the loading in s, and the duration of the hold in s. The unloading lasts as long as the
-        loading.
-    seed : int
-        Random seed of the noise.
-    led : str
-        LED settings: assignments for the board's command ``set``, such as ``led=always``. Empty if
-        the LED is on the pin LDR of the AS7341.
+    Each load is its position as a share of the length, its largest force in mN, the duration of the
+    loading in s, and that of the hold in s. The unloading lasts as long as the loading. `lines` is
+    the text of the calibration. `led` has assignments for the command ``set``, such as
+    ``led=always``; empty if the LED is on the pin LDR of the AS7341.
 
-    Returns
-    -------
-    numpy.ndarray, shape (5, n)
-        One column for each reading with the LED on. Rows: time in s, true force in mN, measured
-        force in mN, true position as a share of the length, and measured position in um.
+    Returned is an array of shape (5, n), with a column for each reading with the LED on: time in s,
+    true force in mN, measured force in mN, true position as a share of the length, and measured
+    position in um.
     """
     whole = points(loads)
     end_s = whole[-1][-1][0] + REST_S
@@ -91,20 +78,9 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
 def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
     """Measure hysteresis and creep of a simulated strip, so that the board can compensate them.
 
-    Parameters
-    ----------
-    sensor : SensorFile
-        Simulated sensor; the table ``[change]`` of its file (ageing and drift) is ignored.
-    lines : sequence of str
-        Text lines of the sensor's calibration, which compensates neither effect.
-    led : str
-        LED settings, see `record`.
-
-    Returns
-    -------
-    tuple of str
-        The calibration line ``silicone``, from which the board compensates both effects. Empty if
-        the silicone is ideal or the fit finds no effect.
+    `lines` is a calibration that compensates neither effect; the table ``[change]`` is ignored.
+    Returned is the calibration line ``silicone``; nothing if the silicone is ideal or the fit finds
+    no effect.
     """
     if sensor.silicone.ideal:
         return ()
@@ -113,19 +89,7 @@ def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
 
 
 def set_light(board: Board, sensor: SensorFile, led: str, number: int = 0) -> None:
-    """Send the mains frequency and the LED settings to a board.
-
-    Parameters
-    ----------
-    board : Board
-        Board to change.
-    sensor : SensorFile
-        Sensor file of the strip; the mains frequency is that of its flickering lamps.
-    led : str
-        LED settings, see `record`.
-    number : int, optional
-        Number of the strip on the board.
-    """
+    """Send the mains frequency of flickering lamps and the LED settings of `record` to a board."""
     if sensor.mains_hz:
         board.command(of_sensor(f"set mains_hz={sensor.mains_hz}", number))
     if led:
@@ -133,20 +97,7 @@ def set_light(board: Board, sensor: SensorFile, led: str, number: int = 0) -> No
 
 
 def loaded(loads, time_s) -> tuple[np.ndarray, np.ndarray]:
-    """Return the true force and position of a series of loads at given times.
-
-    Parameters
-    ----------
-    loads : sequence of (float, float, float, float)
-        The loads, see `record`.
-    time_s : numpy.ndarray, shape (n,)
-        Times in s.
-
-    Returns
-    -------
-    force_mN, place : numpy.ndarray, shape (n,)
-        Force in mN, and position as a share of the length, at each time.
-    """
+    """Return true force in mN and position (share of the length) of loads of `record` at times."""
     whole = np.array(points(loads))
     force_mN = np.interp(time_s, whole[:, :, 0].ravel(), whole[:, :, 2].ravel())
     last = np.searchsorted(whole[:, 0, 0], time_s, side="right") - 1

@@ -35,16 +35,9 @@ _PAUSE_S = 0.2  # after each stroke, and before the next one
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion of a linkage's end point, sampled over time.
+    """A motion of a linkage's end point, sampled at ascending times; all arrays have shape (n,).
 
-    Attributes
-    ----------
-    time_s : numpy.ndarray, shape (n,)
-        Ascending times in seconds.
-    x_mm, y_mm : numpy.ndarray, shape (n,)
-        Positions of the end point in mm.
-    drawing : numpy.ndarray of bool, shape (n,)
-        True where the motion draws a stroke; False in pauses and on the way to the next stroke.
+    `drawing` is False in pauses and on the way to the next stroke.
     """
 
     time_s: np.ndarray
@@ -68,24 +61,10 @@ class Motion:
 class Mechanism:
     """A simulated linkage as built, with its true lengths.
 
-    Parameters
-    ----------
-    file : LinkageFile
-        Nominal lengths and their errors.
-    sensor : SensorFile
-        Sensor file of both strips. Its table `joint` describes the indenters.
-
-    Attributes
-    ----------
-    bar_mm : tuple of float
-        True lengths of the four bars in mm.
-    base_mm : float
-        True distance of the base joints in mm.
-    zero_rad : tuple of float
-        For each joint, the angle in rad, as defined in Eqs. 3 and 4 of the paper, at which the
-        joint's calibration has the angle 0.
-    travel_deg : float
-        Largest angle of each joint in degrees; there, its indenter is at the end of its travel.
+    `zero_rad` is for each joint the angle, as defined in Eqs. 3 and 4 of the paper, at which the
+    joint's calibration has the angle 0. At `travel_deg`, the indenter is at the end of its travel;
+    the table `joint` of the sensor file describes it. Joint 1 is at (0, 0) and joint 2 at
+    (`base_mm`, 0).
     """
 
     def __init__(self, file: LinkageFile, sensor: SensorFile):
@@ -101,18 +80,9 @@ class Mechanism:
         self.travel_deg = sensor.joint_travel_deg
 
     def angles_deg(self, x_mm, y_mm) -> np.ndarray:
-        """Return the joint angles for positions of the end point.
+        """Return the angles of joint 1 and 2, as in the joint's calibration, for positions.
 
-        Parameters
-        ----------
-        x_mm, y_mm : array_like
-            Positions in mm, same shape. Joint 1 is at (0, 0) and joint 2 at (`base_mm`, 0).
-
-        Returns
-        -------
-        numpy.ndarray, shape (2, ...)
-            Angles of joint 1 and 2 in degrees, as in the joint's calibration.
-            NaN if the linkage cannot reach a position.
+        The shape is (2, ...); NaN if the linkage cannot reach a position.
         """
         a1, b1, b2, a2 = self.bar_mm
         x_mm, y_mm = np.asarray(x_mm, dtype=float), np.asarray(y_mm, dtype=float)
@@ -122,40 +92,14 @@ class Mechanism:
         return np.degrees(angles - zero_rad)
 
     def reaches(self, x_mm, y_mm) -> np.ndarray:
-        """Return whether both indenters are within their travel at positions of the end point.
-
-        Parameters
-        ----------
-        x_mm, y_mm : array_like
-            Positions in mm, same shape. Joint 1 is at (0, 0) and joint 2 at (`base_mm`, 0).
-
-        Returns
-        -------
-        numpy.ndarray of bool
-            Array with the shape of `x_mm`.
-        """
+        """Return whether both indenters are within their travel at positions of the end point."""
         angles_deg = self.angles_deg(x_mm, y_mm)
         return ((angles_deg >= 0) & (angles_deg <= self.travel_deg)).all(axis=0)
 
     def drive(self, motion: Motion, again: bool = False) -> tuple[JointScenario, JointScenario]:
-        """Return the scenarios of the two strips during a motion.
+        """Return the scenarios of the two strips during a motion, which repeats with `again`.
 
-        Parameters
-        ----------
-        motion : Motion
-            Motion of the end point.
-        again : bool
-            True to repeat the motion without end.
-
-        Returns
-        -------
-        tuple of JointScenario
-            Scenarios of joint 1 and joint 2.
-
-        Raises
-        ------
-        SettingError
-            If the linkage cannot follow the motion.
+        SettingError if the linkage cannot follow the motion.
         """
         angles_deg = self.angles_deg(motion.x_mm, motion.y_mm)
         off = ~((angles_deg >= 0) & (angles_deg <= self.travel_deg)).all(axis=0)
@@ -169,20 +113,9 @@ class Mechanism:
         return tuple(self.turn(motion.time_s, of_joint, again) for of_joint in angles_deg)
 
     def turn(self, time_s: np.ndarray, angle_deg: np.ndarray, again: bool = False) -> JointScenario:
-        """Return the scenario of one joint's strip for given joint angles.
+        """Return the scenario of one joint's strip for joint angles at ascending times.
 
-        Parameters
-        ----------
-        time_s : numpy.ndarray, shape (n,)
-            Ascending times in seconds.
-        angle_deg : numpy.ndarray, shape (n,)
-            Angle of the joint at these times, in degrees.
-        again : bool
-            True to repeat the motion without end; False to stay at its last angle.
-
-        Returns
-        -------
-        JointScenario
+        With `again`, the motion repeats without end; otherwise the joint stays at its last angle.
         """
         mm_per_deg = math.radians(self._joint.radius_mm)
         lagging_deg = _lag(angle_deg, self._joint.play_deg / 2)
@@ -193,20 +126,8 @@ class Mechanism:
 class JointScenario:
     """Scenario of a strip in a joint: the joint bends the strip and slides an indenter on it.
 
-    It has the methods of `scenario.Scenario`.
-
-    Parameters
-    ----------
-    time_s : numpy.ndarray, shape (n,)
-        Ascending times in seconds.
-    place_mm : numpy.ndarray, shape (n,)
-        Position of the indenter in mm at these times.
-    bend_deg : numpy.ndarray, shape (n,)
-        Bending angle in degrees at these times.
-    force_mN : float
-        Force of the indenter in mN.
-    again : bool
-        True to repeat without end; False to stay at the last values.
+    It has the methods of `scenario.Scenario`. The arrays have shape (n,); `place_mm` is the
+    position of the indenter. With `again`, they repeat without end; otherwise the last values stay.
     """
 
     still = False
@@ -245,19 +166,7 @@ class JointScenario:
 
 
 def guided(file: PathFile, start_s: float = 0.0) -> Motion:
-    """Return the motion of an end point that a hand guides along a path.
-
-    Parameters
-    ----------
-    file : PathFile
-        Strokes, speed and tremor.
-    start_s : float
-        Start of the motion in seconds.
-
-    Returns
-    -------
-    Motion
-    """
+    """Return the motion of an end point that a hand guides along a path, from `start_s` on."""
     legs = []
     for i, stroke in enumerate(file.stroke):
         line = _line(stroke)
@@ -291,20 +200,7 @@ def guided(file: PathFile, start_s: float = 0.0) -> Motion:
 def dwelling(x_mm, y_mm, start_s: float, dwell_s: float, move_s: float) -> Motion:
     """Return a motion that stops at each position; in between, the joints turn at constant speed.
 
-    Parameters
-    ----------
-    x_mm, y_mm : array_like, shape (n,)
-        Positions of the end point in mm.
-    start_s : float
-        Time of arrival at the first position, in seconds.
-    dwell_s : float
-        Duration of each stop in seconds.
-    move_s : float
-        Duration of the move between two positions, in seconds.
-
-    Returns
-    -------
-    Motion
+    It arrives at the first position at `start_s`.
     """
     count = len(x_mm)
     begin_s = start_s + (dwell_s + move_s) * np.arange(count)

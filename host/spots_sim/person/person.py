@@ -38,23 +38,12 @@ Way = list[tuple[float, float, Press]]
 class Habits:
     """Errors that a simulated person makes.
 
-    Attributes
-    ----------
-    place_mm : float
-        Largest error of a position that the person reads off the ruler, in mm.
-    force_share : float
-        Largest relative error of a force that the person reads off the scale.
-    slips : float
-        Share of presses with a slip: the press begins 20 s after the request, or the finger lifts
-        too early and presses again.
-    typos : float
-        Share of presses whose position the person types wrongly, by 30 to 70 % of the strip's
-        length.
-    width_mm : float
-        Width of the finger in mm, for presses without a scale. Presses on a scale are made with
-        an indenter instead.
-    decimals : int
-        Digits after the decimal point of a position in mm that the person types.
+    `place_mm` is the largest error of a position that the person reads off the ruler, `force_share`
+    that of a force off the scale. `slips` is the share of presses with a slip: the press begins 20
+    s after the request, or the finger lifts too early and presses again. `typos` is the share of
+    presses whose position the person types wrongly, by 30 to 70 % of the strip's length; a position
+    has `decimals` digits after the point. `width_mm` is that of the finger, for presses without a
+    scale; presses on a scale are made with an indenter.
     """
 
     place_mm: float = 0.5
@@ -68,22 +57,8 @@ class Habits:
 class Person:
     """Reads the messages of a calibration session, moves a finger, and answers questions.
 
-    Parameters
-    ----------
-    move : callable
-        ``move(way)`` starts a movement of the finger; `way` is a `Way`, and an empty list lifts
-        the finger.
-    length_mm : float
-        Length of the strip in mm.
-    habits : Habits
-        Errors of the person.
-    seed : int
-        Random seed of the errors.
-
-    Attributes
-    ----------
-    presses : int
-        Number of presses that were requested and made.
+    ``move(way)`` starts a movement of the finger; an empty `Way` lifts it. `presses` counts the
+    presses that were requested and made.
     """
 
     def __init__(self, move: Callable[[Way], None], length_mm: float, habits: Habits, seed: int):
@@ -152,12 +127,9 @@ class Person:
         self._move(way)
 
     def shown(self, question: str) -> tuple[float | None, float | None]:
-        """Return what the person reads off ruler and scale to answer a question.
+        """Return position in mm and force in mN that the person reads off to answer a question.
 
-        Returns
-        -------
-        place_mm, force_mN : float or None
-            Position in mm and force in mN; None if the question does not ask for it.
+        Each is None if the question does not ask for it.
         """
         if not _QUESTION.search(question):
             return None, None
@@ -194,13 +166,8 @@ class Person:
 def follow(held: Held, way: Way) -> None:
     """Move the simulated finger along a path, from the board's next exposure on.
 
-    Parameters
-    ----------
-    held : Held
-        Scenario of the strip; its finger is moved.
-    way : list of tuple
-        Parts of the path. Each part is a tuple: its start and its end, in s after the start of the
-        movement, and the `Press` during this part.
+    Each part of the path has its start and its end, in s after the start of the movement, and the
+    `Press` during this part.
     """
     began: list[float] = []
 
@@ -222,17 +189,7 @@ def line_of(way: Way) -> str:
 def follow_pipe(held: Held, pipe: Path) -> threading.Thread:
     """Start a thread that reads paths from a named pipe, and moves the simulated finger along them.
 
-    Parameters
-    ----------
-    held : Held
-        Scenario of the strip; its finger is moved.
-    pipe : Path
-        Named pipe with a line for each path, see `line_of`.
-
-    Returns
-    -------
-    threading.Thread
-        The thread; it ends when the pipe is closed.
+    Each line has a path, see `line_of`. The thread ends when the pipe is closed.
     """
 
     def take(line: str) -> None:

@@ -72,26 +72,11 @@ class _PracticePresser(Presser):
 
 @contextmanager
 def practice(options, path: Path, guide: Dialog) -> Iterator[Practice]:
-    """Return a simulated strip with a simulated finger, which a person's session moves.
+    """Yield a simulated strip with a simulated finger, which a person's session moves.
 
-    Parameters
-    ----------
-    options : argparse.Namespace
-        ``sensor``, ``seed`` and ``length_mm``, see `spots.calibrate.session.practice.practise`.
-    path : Path
-        Calibration file to write.
-    guide : Dialog
-        Shows the session, and reads the answers.
-
-    Yields
-    ------
-    Practice
-        The strip; its board is closed on exit.
-
-    Raises
-    ------
-    SettingError
-        If the sensor file is invalid, or has another length than the options.
+    The options are ``sensor``, ``seed`` and ``length_mm``, see
+    `spots.calibrate.session.practice.practise`. SettingError if the sensor file is invalid, or has
+    another length than the options.
     """
     options = given(options)
     sensor = load(SensorFile, options.sensor)

@@ -32,25 +32,10 @@ _PARTED, _PARTED_S = 5.0, 8.0
 class Stage:
     """A simulated strip on a stage that presses it with an indenter, read through the firmware.
 
-    Parameters
-    ----------
-    sensor : SensorFile
-        Simulated sensor. The table ``[change]`` of its file (ageing and drift) is ignored; set
-        the attribute `held.changed` instead.
-    seed : int
-        Random seed of the noise.
-    settings : str
-        Assignments for the command ``set``, such as ``exposure_us=100000``. Under flickering lamps
-        `mains_hz` is set first.
-    warm_s : float
-        Time in seconds for which the LED has been on when the board boots.
-    number : int
-        Number of the board, see `board.identity.board_id`.
-
-    Attributes
-    ----------
-    by_hand : bool
-        Whether a finger presses the strip instead of the stage, from the next press on.
+    The table ``[change]`` of the sensor file (ageing and drift) is ignored; set the attribute
+    `held.changed` instead. `settings` are assignments for the command ``set``; under flickering
+    lamps `mains_hz` is set first. The LED has been on for `warm_s` when the board boots. With
+    `by_hand`, a finger presses the strip instead of the stage, from the next press on.
     """
 
     def __init__(
@@ -91,15 +76,8 @@ class Stage:
     def expose(self, exposure_us: int | None = None) -> None:
         """Press firmly near the sensor, and let the board search for gain and LED current.
 
-        Parameters
-        ----------
-        exposure_us : int, optional
-            Exposure in us to set after the search, because the search may lengthen the exposure.
-
-        Raises
-        ------
-        SpotsError
-            If no setting fits this strip.
+        `exposure_us` is set after the search, because the search may lengthen the exposure.
+        BoardError if no setting fits this strip.
         """
         self.press(NEAR_UM, FULL_MN)
         self.board.command("auto", timeout_s=_SEARCH_TIMEOUT_S)
@@ -121,15 +99,7 @@ class Stage:
             self.held.unplugged = False
 
     def press(self, position_um: float, force_mN: float) -> None:
-        """Press the strip until the next call of `press` or `release`.
-
-        Parameters
-        ----------
-        position_um : float
-            Distance of the press from the sensor's end of the strip, in um.
-        force_mN : float
-            Force of the press in mN.
-        """
+        """Press the strip until the next call of `press` or `release`."""
         self.held.press = Press(
             position_um / 1000, force_mN, _WIDTH_MM, hand=self.by_hand, skin=self.by_hand
         )
@@ -137,12 +107,7 @@ class Stage:
     def turn(self, angle_deg: float, direction: int = 1) -> None:
         """Turn the joint, which bends the strip and slides an indenter along it.
 
-        Parameters
-        ----------
-        angle_deg : float
-            Angle of the joint in degrees.
-        direction : int
-            1 if the angle is reached from below, -1 if from above.
+        `direction` is 1 if the angle is reached from below, -1 if from above.
         """
         self.held.bend_deg = angle_deg
         self.press(self.sensor.indenter_um(angle_deg, direction), self.sensor.joint.force_mN)
@@ -152,22 +117,10 @@ class Stage:
         self.held.press = None
 
     def read(self, places_um, forces_mN, samples: int) -> Presses:
-        """Press at each position with each force and return the readings.
+        """Press at each position with each force; each reading is a mean over `samples`.
 
-        Parameters
-        ----------
-        places_um : sequence of float
-            Distances from the sensor's end of the strip, in um.
-        forces_mN : sequence of float
-            Forces in mN.
-        samples : int
-            Samples for each press; the reading is their mean.
-
-        Returns
-        -------
-        Presses
-            One row for each press: first all positions with the first force, then all positions
-            with the second force, and so on.
+        The rows are first all positions with the first force, then all positions with the second
+        force, and so on.
         """
         rows = []
         for force_mN in forces_mN:
@@ -188,30 +141,11 @@ class Stage:
                 pass
 
     def along(self, places: int = PLACES, samples: int = 24) -> Presses:
-        """Press with the force `FIRM_MN` at positions along the whole strip.
-
-        Parameters
-        ----------
-        places : int
-            Number of positions, evenly spaced from end to end.
-        samples : int
-            Samples that are averaged at each position.
-
-        Returns
-        -------
-        Presses
-            One row for each position.
-        """
+        """Press with the force `FIRM_MN` at evenly spaced positions from end to end."""
         return self.read(np.linspace(0, self.length_um, places), [FIRM_MN], samples)
 
     def pressed(self, samples: int = 8) -> Presses:
-        """Press at a few positions with forces from the smallest detectable one to `FULL_MN`.
-
-        Parameters
-        ----------
-        samples : int
-            Samples that are averaged for each press.
-        """
+        """Press at a few positions with forces from the smallest detectable one to `FULL_MN`."""
         places_um = [share * self.length_um for share in FORCE_PLACES]
         forces_mN = np.geomspace(self._least_mN(max(places_um)), FULL_MN, FORCES)
         return self.read(places_um, forces_mN, samples)
@@ -232,62 +166,22 @@ class Stage:
 
 
 def calibrate(sensor: SensorFile, exposure_us: int | None = None) -> tuple[str, ...]:
-    """Calibrate a simulated sensor, and return the text of the calibration.
+    """Calibrate a simulated sensor, and return the text lines of the calibration.
 
-    Parameters
-    ----------
-    sensor : SensorFile
-        Simulated sensor.
-    exposure_us : int, optional
-        Exposure in microseconds; by default, the board searches for one.
-
-    Returns
-    -------
-    tuple of str
-        Text lines of the calibration.
-
-    Raises
-    ------
-    SpotsError
-        If the sensor's readings do not allow a calibration.
+    Without `exposure_us`, the board searches for an exposure. SpotsError if the sensor's readings
+    do not allow a calibration.
     """
     return _calibrated(sensor, exposure_us)[0]
 
 
 def strip_lines(lines, number: int) -> list[str]:
-    """Return calibration lines, changed so that they are valid for another strip of the board.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        Calibration lines of strip 0.
-    number : int
-        New number of the strip; with 0, the lines stay unchanged.
-
-    Returns
-    -------
-    list of str
-        Calibration lines of the other strip.
-    """
+    """Return the calibration lines of strip 0, changed so that they are valid for another strip."""
     end = f"-{number}" if number else ""
     return [line + end if line.startswith("board ") else line for line in lines]
 
 
 def check_light(along: Presses, pressed: Presses) -> None:
-    """Raise an error if a press along the strip is too dark, or if any press is saturated.
-
-    Parameters
-    ----------
-    along : Presses
-        Presses along the strip, see `Stage.along`.
-    pressed : Presses
-        Presses with different forces, see `Stage.pressed`.
-
-    Raises
-    ------
-    CalibrationError
-        If a press is too dark or saturated. The message names the position of the press.
-    """
+    """CalibrationError with the position if a press is too dark along the strip, or saturated."""
     too_dark = "too dark: choose a longer exposure or a brighter strip"
     for presses, bad, trouble in (
         (along, (along.counts < 1).any(axis=1), too_dark),
@@ -300,34 +194,12 @@ def check_light(along: Presses, pressed: Presses) -> None:
 
 
 def board_lines(lines, board_id: str) -> list[str]:
-    """Return calibration lines, changed so that they are valid for another board.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        Calibration lines.
-    board_id : str
-        Id of the other board.
-
-    Returns
-    -------
-    list of str
-    """
+    """Return calibration lines, changed so that they are valid for another board."""
     return [f"board {board_id}" if line.startswith("board ") else line for line in lines]
 
 
 def set_as_calibrated(board: Board, sensor: SensorFile, number: int = 0) -> None:
-    """Send a board the settings that `calibrate` used: mains frequency, LED and dark frame.
-
-    Parameters
-    ----------
-    board : Board
-        Board to change.
-    sensor : SensorFile
-        Sensor file of the strip; it also describes the LED's wiring, and lamps in the room.
-    number : int, optional
-        Number of the strip on the board.
-    """
+    """Send a board the settings that `calibrate` used: mains frequency, LED and dark frame."""
     set_light(board, sensor, led_settings(sensor), number)
 
 

@@ -14,13 +14,7 @@ _LEAST_STEP = 1.05  # the search ends when the limits of the force differ by les
 
 
 class StagePresser(Presser):
-    """Presses a simulated strip for a calibration session, see `spots.calibrate.session.presser`.
-
-    Parameters
-    ----------
-    stage : Stage
-        Stage with the simulated strip.
-    """
+    """Presses a simulated strip in a calibration session, see `spots.calibrate.session.presser`."""
 
     patience_s = 2.0
     steady = 1

@@ -18,15 +18,9 @@ PERCENT = 0.2, 1, 5, 25, 50, 75, 95, 99, 99.8  # the tables have the values at t
 class Times:
     """Percentiles of a person's times, at the percentages `PERCENT`.
 
-    Both times are drawn independently: in the data, their correlation is below 0.2, and as many
-    touches overlap as with independent times.
-
-    Attributes
-    ----------
-    held_ms : tuple of float
-        Time for which a finger touches, in ms.
-    interval_ms : tuple of float
-        Time from the start of a touch to the start of the next one, in ms.
+    The interval is from the start of a touch to the start of the next one. Both times are drawn
+    independently: in the data, their correlation is below 0.2, and as many touches overlap as with
+    independent times.
     """
 
     held_ms: tuple[float, ...]
@@ -72,13 +66,9 @@ _SHARES = (  # intervals as shares of their mean
 
 
 def at_speed(words_per_min: float) -> Times:
-    """Return the times of people who type at a speed.
+    """Return the times of people who type at a speed; a word has five touches.
 
-    Parameters
-    ----------
-    words_per_min : float
-        Speed in words a minute, of five touches each. Beyond `SPEEDS`, the intervals vary as at the
-        nearest of these speeds.
+    Beyond `SPEEDS`, the intervals vary as at the nearest of these speeds.
     """
     shares = [float(np.interp(words_per_min, SPEEDS, column)) for column in zip(*_SHARES)]
     middles = (np.array(shares[1:]) + shares[:-1]) / 2

@@ -27,14 +27,8 @@ _PALM_OFF_MM, _PALM_WIDE_MM, _PALM_RAMP_S, _SETTLED_S = 6.0, 12.0, 0.1, 1.0
 class TypedText:
     """Converts key events to the text that a computer would show.
 
-    Attributes
-    ----------
-    text : str
-        The typed text. A key without a character appears as its name in angle brackets.
-    down : set of (int, int)
-        HID usage page and usage of each pressed key.
-    presses : int
-        Number of key presses.
+    A key without a character appears as its name in angle brackets. `down` has HID usage page and
+    usage of each pressed key.
     """
 
     def __init__(self):
@@ -43,17 +37,6 @@ class TypedText:
         self.presses = 0
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        """Handle a key event.
-
-        Parameters
-        ----------
-        page, usage : int
-            HID usage page and usage of the key.
-        modifiers : int
-            Bits of the modifier keys that are pressed with the key.
-        pressed : bool
-            True for a press, False for a release.
-        """
         if not pressed:
             self.down.discard((page, usage))
             return
@@ -84,18 +67,7 @@ def _character(page: int, usage: int, modifiers: int) -> str | None:
 class Typist:
     """Converts text to a scenario of fingers with random position, force and duration.
 
-    Parameters
-    ----------
-    layout : KeyLayout
-        Keys of the strip.
-    length_mm : float
-        Length of the strip, in mm.
-    rng : numpy.random.Generator
-        Generator of the random values.
-    pause_s : tuple of float
-        Shortest and longest pause after a touch, in seconds.
-    start_s : float
-        Time of the first touch, in seconds.
+    `pause_s` is the shortest and longest pause after a touch.
     """
 
     def __init__(
@@ -115,10 +87,7 @@ class Typist:
     def type(self, text: str) -> None:
         """Add to the scenario the touches that type a text.
 
-        Raises
-        ------
-        SpotsError
-            If the layout has no key for a character.
+        SpotsError if the layout has no key for a character.
         """
         for character in text:
             for layer, key, slot in self._way(character):
@@ -127,12 +96,7 @@ class Typist:
     def do(self, key, slot: str = "tap") -> None:
         """Add a touch that triggers an action of a key, at a random position on the key.
 
-        Parameters
-        ----------
-        key : PlacedKey
-            Key to press.
-        slot : str
-            Action of the key: ``tap``, ``hold``, ``firm`` or ``double``.
+        The action `slot` is ``tap``, ``hold``, ``firm`` or ``double``.
         """
         margin = 0.1 * (key.high - key.low)
         share = self._rng.uniform(key.low + margin, key.high - margin)
@@ -155,16 +119,9 @@ class Typist:
         self.seconds += pause_s
 
     def press(self, share: float, held_s: float, force_mN: float) -> None:
-        """Add a touch of one finger to the scenario.
+        """Add a touch of one finger to the scenario, at a share of the length, 0 at the sensor.
 
-        Parameters
-        ----------
-        share : float
-            Position as a share of the strip's length, from 0 at the sensor to 1.
-        held_s : float
-            Time for which the force is above half of its maximum, in seconds.
-        force_mN : float
-            Largest force, in mN.
+        During `held_s`, the force is above half of its maximum `force_mN`.
         """
         start_s = self.seconds
         x_mm = share * self._length_mm
@@ -229,31 +186,10 @@ def fast_typing(
     """Return the scenario of a person who types random keys with the times of real people.
 
     Many touches overlap the next one, see `times`. A touch that overlaps others is on one of the
-    keys that another finger can reach.
-
-    Parameters
-    ----------
-    layout : KeyLayout
-        Keys of the strip. Only keys of the first layer are typed, and each with a tap.
-    words_per_min : float or None
-        Mean speed in words a minute; a word has five keys. With None, one of the ten people in
-        `times.PEOPLE` types at the own speed: number `seed` modulo 10.
-    touches : int
-        Number of touches.
-    length_mm : float
-        Length of the strip, in mm.
-    seed : int
-        Random seed of the text, and of position, force and duration of the touches.
-    start_s : float
-        Earliest time of the first touch, in seconds. A random delay of up to 10 ms (one exposure)
-        is added.
-    hands : Hands, optional
-        How the fingers move, and whether the palm rests on the strip.
-
-    Returns
-    -------
-    ScenarioFile
-        Scenario that ends half a second after the last touch.
+    keys that another finger can reach. Only keys of the first layer are typed, and each with a tap.
+    A word has five keys; with `words_per_min` None, one of the ten people in `times.PEOPLE` types
+    at the own speed: number `seed` modulo 10. A random delay of up to 10 ms (one exposure) is added
+    to `start_s`. The scenario ends half a second after the last touch.
     """
     rng = np.random.default_rng(seed)
     habits = np.random.default_rng((seed, 1))
@@ -316,26 +252,9 @@ def two_fingers(
     """Return the scenario of a person who touches two keys with two fingers at the same time.
 
     The fingers of a pair are 9 to 60 mm apart. The second finger touches 30 to 150 ms after the
-    first one, and both rest for 60 to 200 ms. Then one of them lifts, and the other one 60 to
-    200 ms later. All values are random, and all but the force are *assumed*.
-
-    Parameters
-    ----------
-    layout : KeyLayout
-        Keys of the strip. Only keys of the first layer are touched, and each with a tap.
-    touches : int
-        Number of touches, an even number.
-    length_mm : float
-        Length of the strip, in mm.
-    seed : int
-        Random seed of the touches.
-    start_s : float
-        Earliest time of the first touch, in seconds. A random delay of up to 10 ms is added.
-
-    Returns
-    -------
-    ScenarioFile
-        Scenario that ends one second after the last touch.
+    first one, and both rest for 60 to 200 ms. Then one of them lifts, and the other one 60 to 200
+    ms later. All values are random, and all but the force are *assumed*. Only keys of the first
+    layer are touched, and each with a tap. A random delay of up to 10 ms is added to `start_s`.
     """
     rng = np.random.default_rng(seed)
     hands = USUAL
@@ -395,28 +314,7 @@ def typing(
 ) -> ScenarioFile:
     """Return the scenario of a person who types a text.
 
-    Parameters
-    ----------
-    layout : KeyLayout
-        Keys of the strip.
-    text : str
-        Text to type.
-    length_mm : float
-        Length of the strip, in mm.
-    seed : int
-        Random seed of position, force and duration of the touches.
-    start_s : float
-        Time of the first touch, in seconds.
-
-    Returns
-    -------
-    ScenarioFile
-        Scenario that ends half a second after the pause that follows the last touch.
-
-    Raises
-    ------
-    SpotsError
-        If the layout has no key for a character.
+    SpotsError if the layout has no key for a character.
     """
     typist = Typist(layout, length_mm, np.random.default_rng(seed), start_s=start_s)
     typist.type(text)

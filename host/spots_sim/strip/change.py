@@ -114,18 +114,8 @@ class Temperature(msgspec.Struct, **_Struct):
     def resolved(self, change: Change, led_K: float = 0.0) -> Change:
         """Return `change` plus the effects of its temperature, and of the LED's self-heating.
 
-        Parameters
-        ----------
-        change : Change
-            Change since the calibration. Its `temperature_K` is converted to changes of the other
-            attributes.
-        led_K : float
-            Temperature rise of the LED by its own power, in K.
-
-        Returns
-        -------
-        Change
-            The sum; its `temperature_K` is that of `change`.
+        `led_K` is the temperature rise of the LED by its own power. The sum keeps the
+        `temperature_K` of `change`.
         """
         return change + Change(
             **{

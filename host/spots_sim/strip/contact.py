@@ -12,21 +12,9 @@ from .files import ContactFile
 def coupling(contact: ContactFile, force_mN: float) -> float:
     """Return the contact area under a finger at a force, as a share of full contact.
 
-    The material is hyper-elastic: each further newton adds less area (paper, section III.B and
-    Fig. 3A). Below the force of first contact (``threshold_mN``), a small share of the light
-    crosses the air gap.
-
-    Parameters
-    ----------
-    contact : ContactFile
-        Table of the sensor file: contact area as a function of force.
-    force_mN : float
-        Force of the press in mN.
-
-    Returns
-    -------
-    float
-        Share of full contact, from 0 to 1.
+    The material is hyper-elastic: each further newton adds less area (paper, section III.B and Fig.
+    3A). Below the force of first contact (``threshold_mN``), a small share of the light crosses the
+    air gap.
     """
     over_mN = force_mN - contact.threshold_mN
     if over_mN <= 0:
@@ -44,19 +32,8 @@ _LEAST = 1e-7  # contact share of a cell; less is no light
 class Sticking:
     """Contact that remains where a press has lifted, and decays; a sliding press takes it along.
 
-    Parameters
-    ----------
-    contact : ContactFile
-        Table of the sensor file, with ``sticking_percent`` and ``sticking_s``.
-    length_mm : float
-        Length of the strip in mm.
-
-    Attributes
-    ----------
-    places_mm : numpy.ndarray, shape (n,)
-        Middles of the cells, in mm from the sensor's end.
-    free : bool
-        Whether no contact remained at the last call of `remaining`.
+    `places_mm` are the middles of the n cells, from the sensor's end. `free` is whether no contact
+    remained at the last call of `remaining`.
     """
 
     def __init__(self, contact: ContactFile, length_mm: float):
@@ -70,21 +47,9 @@ class Sticking:
         self._time_s = 0.0
 
     def remaining(self, presses, shares, time_s: float) -> np.ndarray | None:
-        """Return the remaining contact in addition to that of the presses.
+        """Return the remaining contact in addition to that of the presses, as a share by cell.
 
-        Parameters
-        ----------
-        presses : list of scenario.Press
-            All presses on the strip.
-        shares : list of float
-            Contact share of each press.
-        time_s : float
-            Time in s; it must never decrease.
-
-        Returns
-        -------
-        numpy.ndarray, shape (n,), or None
-            Contact share of each cell; None if no contact remains.
+        None if no contact remains. The time must never decrease.
         """
         elapsed_s, self._time_s = time_s - self._time_s, time_s
         if self.free and not presses:

@@ -297,17 +297,8 @@ class SensorFile(toml.Strict):
     def indenter_um(self, angle_deg: float, direction: int) -> float:
         """Return the position of a joint's indenter, in um from the sensor's end.
 
-        Parameters
-        ----------
-        angle_deg : float
-            Angle of the joint in degrees.
-        direction : int
-            1 if the joint has reached the angle from below, -1 if from above. The indenter lags
-            behind the joint by half the backlash.
-
-        Returns
-        -------
-        float
+        `direction` is 1 if the joint has reached the angle from below, -1 if from above. The
+        indenter lags behind the joint by half the backlash.
         """
         lagging_deg = angle_deg - direction * self.joint.play_deg / 2
         return 1000 * JOINT_TRAVEL[0] * self.length_mm + lagging_deg * self.joint.um_per_deg
@@ -638,15 +629,7 @@ def _assignment(name: str, value: float | bool | str) -> str:
 def load_change(name: str | Path) -> Change:
     """Read a change file: the keys of `Change`, at the top level or in a table ``[change]``.
 
-    Parameters
-    ----------
-    name : str or Path
-        A path, or the name of a change file that comes with the package.
-
-    Raises
-    ------
-    SpotsError
-        If the file does not exist, or a key is unknown or out of range.
+    `name` is a path or a file of the package. FileError if it is missing or invalid.
     """
     path, text = toml.find(name, DATA / "changes", "change")
     if re.search(r"^[ \t]*\[change\]", text, re.MULTILINE):
@@ -658,18 +641,7 @@ def load_change(name: str | Path) -> Change:
 def changed(sensor: str, change: str | None) -> Iterator[str]:
     """Write a temporary sensor file that includes a change; remove it after the ``with`` block.
 
-    Parameters
-    ----------
-    sensor : str
-        Sensor file: a path, or the name of a file that comes with the package.
-    change : str or None
-        Change file: a path, or the name of a file of the package. With None, `sensor` is yielded
-        unchanged.
-
-    Yields
-    ------
-    str
-        Path or name of the resulting sensor file, for `load`.
+    Both are a path or a file of the package. Without a change, `sensor` is yielded unchanged.
     """
     if change is None:
         yield sensor
@@ -683,24 +655,9 @@ def changed(sensor: str, change: str | None) -> Iterator[str]:
 
 
 def load(kind: type[_File], name: str | Path) -> _File:
-    """Read a file of the simulation.
+    """Read a file of the simulation: a path, or the name of a file of the package.
 
-    Parameters
-    ----------
-    kind : type
-        `SensorFile`, `ScenarioFile`, `LinkageFile` or `PathFile`.
-    name : str or Path
-        A path, or the name of a file that comes with the package, such as ``default``.
-
-    Returns
-    -------
-    msgspec.Struct
-        Of type `kind`.
-
-    Raises
-    ------
-    SpotsError
-        If the file does not exist, or a key is unknown, missing or out of range.
+    FileError if it does not exist, or a key is unknown, missing or out of range.
     """
     what = _KINDS[kind]
     path, text = toml.find(name, DATA / f"{what}s", what)

@@ -121,23 +121,10 @@ _KEPT = 256  # number of presses whose light is cached
 class Optics:
     """Computes the count rates of a strip's photodiodes.
 
-    All rates are in counts per ms at gain 1x, in the order of the photodiodes in `names`.
-
-    Parameters
-    ----------
-    sensor : SensorFile
-        The strip as calibrated; the `change` in this file is not applied.
-    change : Change
-        The change since the calibration.
-    led_K : float
-        Temperature rise of the LED by its own current, in K.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Names of the photodiodes, such as ``F1``.
-    coloured : bool
-        Whether the colour of a press depends on its contact share.
+    All rates are in counts per ms at gain 1x, in the order of the photodiodes in `names`, such as
+    ``F1``. `sensor` is the strip as calibrated: its own `change` is not applied. `led_K` is the
+    temperature rise of the LED by its own current. `coloured` is whether the colour of a press
+    depends on its contact share.
     """
 
     names = tuple(_CHANNELS)
@@ -182,25 +169,9 @@ class Optics:
 
         The rates of a smaller contact are `share` times this result. Stretching increases the
         volume and so dilutes the dye (paper, section III.C). Bending reduces the light by the same
-        share at every wavelength and position.
-
-        Parameters
-        ----------
-        position_mm : float
-            Distance of the contact's middle from the sensor's end of the strip, in mm.
-        width_mm : float
-            Width of the contact along the strip, in mm.
-        strain : float
-            Elongation divided by the length at rest.
-        bend_deg : float
-            Bending angle in degrees.
-        tilt_percent : float
-            Pressure at the far end of the contact minus the mean pressure, in per cent of the mean.
-        share : float
-            Contact share, which changes the colour only if `coloured` is true. Leave it out
-            otherwise, because each value takes a place in the cache.
-        skin : bool
-            Whether skin touches the strip, and not a black indenter.
+        share at every wavelength and position. The tilt is the pressure at the far end of the
+        contact minus the mean pressure. Pass `share` only if `coloured` is true, because each value
+        takes a place in the cache.
         """
         steepness = self._steepness(share)
         kept = 1 - self._stretch.bend_loss_percent / 100 * bend_deg / 180
@@ -219,20 +190,7 @@ class Optics:
     def narrow(
         self, places_mm: np.ndarray, strain: float = 0.0, bend_deg: float = 0.0
     ) -> np.ndarray:
-        """Return what `press` returns, for many contacts without width and with a small share.
-
-        Parameters
-        ----------
-        places_mm : numpy.ndarray, shape (n,)
-            Distances of the contacts from the sensor's end of the strip, in mm.
-        strain, bend_deg : float
-            As for `press`.
-
-        Returns
-        -------
-        numpy.ndarray, shape (n, d)
-            Count rates of each contact for d diodes.
-        """
+        """Return what `press` returns for n contacts without width, with a small share: (n, d)."""
         steepness = self._steepness(0.0)
         kept = 1 - self._stretch.bend_loss_percent / 100 * bend_deg / 180
         guided, _ = self._uneven(places_mm[:, None], strain, bend_deg, steepness)

@@ -15,17 +15,8 @@ _BENT_DEG = 90.0  # `Stretch.bend_path_percent` refers to this angle
 class DyedPath:
     """Length of the path in the dyed guide, in mm of evenly dyed guide.
 
-    Parameters
-    ----------
-    sensor : SensorFile
-        The strip as calibrated.
-    now : Change
-        Change since the calibration.
-
-    Attributes
-    ----------
-    is_even : bool
-        Whether the path is the distance along the strip, at every angle of a bend.
+    `sensor` is the strip as calibrated. `is_even` is whether the path is the distance along the
+    strip, at every angle of a bend.
     """
 
     def __init__(self, sensor: SensorFile, now: Change):
@@ -48,22 +39,7 @@ class DyedPath:
         self.is_even = not (self._swing or self._pieces or self._bent[2])
 
     def at(self, place_mm, bend_deg: float) -> tuple:
-        """Return the path to a place, and its increase with the place.
-
-        Parameters
-        ----------
-        place_mm : float or numpy.ndarray
-            Distance from the sensor's end of the unstretched strip, in mm.
-        bend_deg : float
-            Bending angle in degrees.
-
-        Returns
-        -------
-        path_mm : float or numpy.ndarray
-            Length of the path in mm.
-        slope : float or numpy.ndarray
-            Its derivative by `place_mm`.
-        """
+        """Return the path to a place on the unstretched strip, and its derivative by the place."""
         start_mm, long_mm, longer = self._bent
         bent = start_mm, long_mm, longer * bend_deg / _BENT_DEG
         path_mm, slope = place_mm, 1.0

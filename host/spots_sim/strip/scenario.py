@@ -19,20 +19,8 @@ _TREMOR_HZ = 9.3  # physiological tremor of fingers: 8 to 12 Hz
 class Press(msgspec.Struct, frozen=True):
     """A finger or an indenter on the strip at one moment.
 
-    Attributes
-    ----------
-    position_mm : float
-        Distance from the sensor's end of the strip, in mm.
-    force_mN : float
-        Force in mN.
-    width_mm : float
-        Width along the strip, in mm.
-    tilt_percent : float
-        Pressure at the finger's far edge minus the mean pressure, in per cent of the mean.
-    hand : bool
-        Whether a hand makes the press, and shades the strip; False for a stage.
-    skin : bool
-        Whether skin touches the strip, and reflects light; False for an indenter.
+    The position is counted from the sensor's end. The tilt is the pressure at the far edge minus
+    the mean pressure, in per cent of the mean. A `hand` shades the strip, `skin` reflects light.
     """
 
     position_mm: float
@@ -46,16 +34,8 @@ class Press(msgspec.Struct, frozen=True):
 class Pose(msgspec.Struct, frozen=True):
     """Strain, bend and leak of the strip at one moment.
 
-    Attributes
-    ----------
-    strain : float
-        Elongation divided by the length at rest.
-    bend_deg : float
-        Bending angle in degrees.
-    leak_share : float
-        Light that couples without a finger, as a share of full contact.
-    leak_mm : float
-        Distance of this leak from the sensor's end of the strip, in mm.
+    `strain` is elongation by length at rest. A leak is light that couples without a finger, as a
+    share of full contact, at `leak_mm` from the sensor's end.
     """
 
     strain: float = 0.0
@@ -65,13 +45,7 @@ class Pose(msgspec.Struct, frozen=True):
 
 
 class Scenario:
-    """Fingers, strain and light of a scenario file, which is repeated without end.
-
-    Parameters
-    ----------
-    file : ScenarioFile
-        Validated scenario file; stored in the attribute `file`.
-    """
+    """Fingers, strain and light of a scenario file, which is repeated without end."""
 
     still = False
     unplugged = False
@@ -116,16 +90,8 @@ class Scenario:
     def is_dark(self, start_s: float, end_s: float) -> bool:
         """Return whether no light of the LED can couple into the strip in an interval.
 
-        Parameters
-        ----------
-        start_s, end_s : float
-            Start and end of the interval, in seconds of the scenario.
-
-        Returns
-        -------
-        bool
-            Also False where the answer is not certain: near the start or the end of a touch, and
-            in every scenario with a leak or with a pose that changes.
+        Also False where the answer is not certain: near the start or the end of a touch, and in
+        every scenario with a leak or with a pose that changes.
         """
         first_s = start_s % self.file.seconds - _NEAR_S
         i = bisect_right(self._edges, first_s)
@@ -134,18 +100,7 @@ class Scenario:
         return self._stays_dark and not self._down[i] and last_s < upcoming_s
 
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
-        """Return the mean irradiance of the ambient light over an interval.
-
-        Parameters
-        ----------
-        start_s, end_s : float
-            Start and end of the interval, in seconds of the scenario.
-
-        Returns
-        -------
-        float
-            Irradiance in uW/cm2.
-        """
+        """Return the mean irradiance of the ambient light over an interval."""
         ambient = self.file.ambient
         if ambient is None:
             return 0.0
@@ -162,25 +117,11 @@ class Scenario:
 class Held:
     """A scenario with one press, which a simulated stage sets; has the methods of `Scenario`.
 
-    Attributes
-    ----------
-    press : Press or None
-        Press on the strip now; None if nothing presses it.
-    strain : float
-        Elongation divided by the length at rest.
-    bend_deg : float
-        Bending angle in degrees.
-    leak_share, leak_mm : float
-        Light that couples without a finger, see `Pose`.
-    changed : Change
-        Change of the sensor since the calibration.
-    tremor : float
-        Amplitude of the force's tremor, as a share of the force: 0 for an indenter, above 0 for
-        a finger.
-    still : bool
-        True: the light of an exposure is computed one time, for the middle of the exposure.
-    unplugged : bool
-        True if an LED that is otherwise always on has no power.
+    Without a press, `press` is None. `strain` is elongation by length at rest; the leak is that of
+    `Pose`. `changed` is the change since the calibration. `tremor` is the amplitude of the force's
+    tremor as a share of the force, 0 for an indenter. With `still`, the light of an exposure is
+    computed one time, for its middle. With `unplugged`, an LED that is otherwise always on has no
+    power.
     """
 
     still = True
@@ -217,17 +158,7 @@ class Held:
 def flicker(lamp: Ambient | Surroundings, start_s: float, end_s: float) -> float:
     """Return the mean light of a lamp over an interval, divided by its mean over all time.
 
-    Parameters
-    ----------
-    lamp : Ambient or Surroundings
-        Lamp with amplitude, frequency and phase of its flicker.
-    start_s, end_s : float
-        Start and end of the interval in seconds; `end_s` must be larger.
-
-    Returns
-    -------
-    float
-        1 without flicker.
+    `end_s` must be larger than `start_s`.
     """
     omega, phase = 2 * math.pi * lamp.flicker_hz, math.radians(lamp.flicker_phase_deg)
     swing = math.sin(omega * end_s + phase) - math.sin(omega * start_s + phase)
@@ -235,22 +166,7 @@ def flicker(lamp: Ambient | Surroundings, start_s: float, end_s: float) -> float
 
 
 def unshaded(lamp: Ambient | Surroundings, scenario: Scenario | Held, time_s: float) -> float:
-    """Return the share of a lamp's light that no hand shades.
-
-    Parameters
-    ----------
-    lamp : Ambient or Surroundings
-        Lamp, and how much of it a hand shades.
-    scenario : Scenario or Held
-        Presses on the strip.
-    time_s : float
-        Time in seconds of the scenario.
-
-    Returns
-    -------
-    float
-        1 if no hand presses.
-    """
+    """Return the share of a lamp's light that no hand shades."""
     shades = lamp.shaded_percent and any(press.hand for press in scenario.presses(time_s))
     return 1 - lamp.shaded_percent / 100 if shades else 1.0
 

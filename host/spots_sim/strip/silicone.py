@@ -180,13 +180,7 @@ _MODELS = {"spectrum": _Spectrum, "power": _Power}
 
 
 class Memory:
-    """Creep, hysteresis and softening at all positions of one strip.
-
-    Parameters
-    ----------
-    silicone : Silicone
-        Size of the effects.
-    """
+    """Creep, hysteresis and softening at all positions of one strip."""
 
     def __init__(self, silicone: Silicone):
         self._silicone = silicone
@@ -200,20 +194,7 @@ class Memory:
         return not self._pressed
 
     def effective_mN(self, presses, time_s: float) -> list[float]:
-        """Return the effective force of each press at a time; the time must never decrease.
-
-        Parameters
-        ----------
-        presses : list of scenario.Press
-            All presses on the strip.
-        time_s : float
-            Time in s.
-
-        Returns
-        -------
-        list of float
-            Effective forces in mN, 0 or more.
-        """
+        """Return the effective force of each press, 0 or more; the time must never decrease."""
         if not presses and not self._pressed:
             return []
         forces: dict[int, float] = {}

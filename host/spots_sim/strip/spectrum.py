@@ -21,21 +21,9 @@ _NEEDED_NM = 430.0, 670.0  # a table must reach beyond both
 def read(path: Path) -> Table:
     """Return the rows of a spectrum from 350 to 1000 nm; values below 0 become 0.
 
-    Parameters
-    ----------
-    path : Path
-        CSV file. Each line has a wavelength in nm and a value, separated by a comma, a semicolon, a
-        tab or spaces; further columns are ignored. Lines before the first number are ignored.
-
-    Returns
-    -------
-    tuple of tuple
-        Wavelengths in nm, ascending, and values.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read, or is not a spectrum of visible light.
+    Each line of the CSV file has a wavelength in nm and a value, separated by a comma, a semicolon,
+    a tab or spaces; further columns, and lines before the first number, are ignored. Returned are
+    ascending wavelengths, and values. FileError if this is no spectrum of visible light.
     """
     try:
         lines = read_text(path).splitlines()
@@ -83,18 +71,6 @@ def read(path: Path) -> Table:
 
 
 def at(table: Table, wavelength_nm: np.ndarray) -> np.ndarray:
-    """Return the values of a table at wavelengths; outside of the table, its first or last value.
-
-    Parameters
-    ----------
-    table : tuple of tuple
-        Wavelengths in nm, ascending, and values.
-    wavelength_nm : numpy.ndarray, shape (n,)
-        Wavelengths in nm.
-
-    Returns
-    -------
-    numpy.ndarray, shape (n,)
-    """
+    """Return the values of a table at wavelengths; outside, its first or last value."""
     nm, values = np.array(table).T
     return np.interp(wavelength_nm, nm, values)

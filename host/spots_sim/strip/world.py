@@ -38,16 +38,7 @@ def _optics(sensor: SensorFile) -> Callable[[Change, float], Optics]:
 class World:
     """The light that a simulated chip receives: from the LED through the strip, and ambient light.
 
-    Parameters
-    ----------
-    sensor : SensorFile
-        Simulated sensor.
-    scenario : scenario.Scenario or scenario.Held
-        Fingers, strain and ambient light over time.
-    rng : numpy.random.Generator
-        Random generator for the LED's noise.
-    warm : bool, optional
-        True if the LED has its final temperature from the start; False if it warms up first.
+    With `warm`, the LED has its final temperature from the start; otherwise it warms up first.
     """
 
     def __init__(self, sensor: SensorFile, scenario, rng, warm: bool = False):
@@ -73,18 +64,8 @@ class World:
     def collect(self, start_us: float, end_us: float, led_mA: float) -> dict[str, float]:
         """Return the counts of each diode for an ideal converter at gain 1x.
 
-        Parameters
-        ----------
-        start_us, end_us : float
-            Bounds of the integration, in us of simulated time.
-        led_mA : float
-            Current of the chip's LED driver, in mA; 0 for off. The current has no effect if the
-            LED is not wired to this driver.
-
-        Returns
-        -------
-        dict of str to float
-            Counts by name of the diode.
+        `led_mA` is the current of the chip's LED driver; it has no effect if the LED is not wired
+        to this driver.
         """
         duration_us = end_us - start_us
         led_mA = self._strip_mA(led_mA)
@@ -123,28 +104,11 @@ class World:
         return 0.0 if dark else led.current_mA(driver_mA)
 
     def outside(self, start_us: float, end_us: float) -> float:
-        """Return the mean irradiance of the ambient light in an interval.
-
-        Parameters
-        ----------
-        start_us, end_us : float
-            Start and end of the interval, in us of simulated time.
-
-        Returns
-        -------
-        float
-            Irradiance in uW/cm2.
-        """
+        """Return the mean irradiance of the ambient light in an interval, in uW/cm2."""
         return self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6)
 
     def temperature_C(self, now_us: float) -> float:
-        """Return the temperature of strip, LED and board in degrees Celsius, without self-heating.
-
-        Parameters
-        ----------
-        now_us : float
-            Simulated time in us.
-        """
+        """Return the temperature of strip, LED and board, without self-heating."""
         change = self._sensor.change + self._scenario.change(now_us * 1e-6)
         return CALIBRATED_C + change.temperature_K
 
@@ -232,23 +196,7 @@ class World:
 
 
 def chip(sensor: SensorFile, scenario, seed: int, warm: bool = False) -> AS7341:
-    """Return a simulated AS7341 that receives the light of a strip.
-
-    Parameters
-    ----------
-    sensor : SensorFile
-        Simulated sensor: strip and converter.
-    scenario : Scenario or Held
-        Fingers, strain and ambient light over time.
-    seed : int
-        Random seed of the noise.
-    warm : bool, optional
-        True if the LED has its final temperature from the start; False if it warms up first.
-
-    Returns
-    -------
-    AS7341
-    """
+    """Return a simulated AS7341 that receives the light of a strip; `warm` as in `World`."""
     rng = np.random.default_rng(seed)
     c = sensor.converter
     return AS7341(
