@@ -33,22 +33,10 @@ _STEPS = {
 def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -> None:
     """Measure the rest position and the ends of all axes, and write them to a settings file.
 
-    Parameters
-    ----------
-    board : Board
-        A calibrated board.
-    path : str or Path
-        Settings file to write. An existing file keeps its other settings, but loses its comments;
-        a new file gets default values for all other settings.
-    say : callable
-        ``say(line)`` shows a line of text to the user.
-
-    Raises
-    ------
-    SpotsError
-        If no steady touch or no lift follows within 60 s, the middle is not between the ends, or
-        the positions or forces of the touches are too similar. If the file has been changed in the
-        meantime. Nothing is then written.
+    An existing file keeps its other settings, but loses its comments; a new file gets default
+    values for all other settings. SpotsError if no steady touch or no lift follows within 60 s, the
+    middle is not between the ends, the positions or forces of the touches are too similar, or the
+    file has been changed in the meantime. Nothing is then written.
     """
     shown = printable(str(path))
     before = load(path) if Path(path).exists() else None

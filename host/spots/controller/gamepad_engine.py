@@ -245,40 +245,14 @@ def usable(touch: Touch) -> bool:
 
 
 def axis_value(u: float, settings: PositionAxis | ForceAxis) -> int:
-    """Return the value of an axis for a deflection.
-
-    Parameters
-    ----------
-    u : float
-        Deflection, from -1 to 1.
-    settings : PositionAxis or ForceAxis
-        Settings of the axis: its deadband, expo and invert.
-
-    Returns
-    -------
-    int
-        Value from ``-AXIS_MAX`` to ``AXIS_MAX``.
-    """
+    """Return the value of an axis, up to ``AXIS_MAX``, for a deflection from -1 to 1."""
     return round(AXIS_MAX * shaped(u, settings.deadband, settings.expo, settings.invert))
 
 
 def span(settings: PositionAxis | ForceAxis, length_um: float) -> tuple[str, float, float, float]:
-    """Return the field of `Touch` that an axis follows, and the range of that field.
+    """Return the field of `Touch` that an axis follows, and its values at rest and at both ends.
 
-    Parameters
-    ----------
-    settings : PositionAxis or ForceAxis
-        Settings of the axis.
-    length_um : float
-        Length of the strip, in um.
-
-    Returns
-    -------
-    field : str
-        ``position_um`` or ``force_mN``.
-    rest, low, high : float
-        Values of the field at rest and at both ends of the axis, in um or mN. For a force, `low`
-        is minus infinity.
+    They are in um or mN. For a force, the low end is minus infinity.
     """
     if isinstance(settings, ForceAxis):
         return "force_mN", settings.rest_mN, -math.inf, settings.max_mN

@@ -10,15 +10,9 @@ import math
 class OneEuro:
     """1-Euro filter of one signal.
 
-    Parameters
-    ----------
-    min_cutoff_hz : float
-        Cutoff frequency for a constant signal, in Hz. A lower value reduces jitter.
-    beta : float
-        Increase of the cutoff frequency, in Hz, for a speed of one signal unit per second. A higher
-        value reduces lag.
-    derivative_cutoff_hz : float
-        Cutoff frequency of the low-pass filter of the speed, in Hz.
+    `min_cutoff_hz` is the cutoff frequency for a constant signal: a lower value reduces jitter.
+    `beta` is its increase, in Hz, for a speed of one signal unit per second: a higher value reduces
+    lag. `derivative_cutoff_hz` is that of the low-pass filter of the speed.
     """
 
     def __init__(self, min_cutoff_hz: float, beta: float, derivative_cutoff_hz: float):
@@ -33,22 +27,10 @@ class OneEuro:
         self._per_s = 0.0
 
     def take(self, value: float, dt_s: float) -> float:
-        """Filter a new sample.
+        """Filter a new sample, with the cutoff frequency ``min_cutoff_hz + beta * |speed|``.
 
-        The cutoff frequency is ``min_cutoff_hz + beta * |speed|``.
-
-        Parameters
-        ----------
-        value : float
-            New sample, in the unit of the signal.
-        dt_s : float
-            Time since the previous sample, in seconds. If it is 0 or less, the sample is ignored,
-            except the first one after a reset.
-
-        Returns
-        -------
-        float
-            Filtered value; the first sample after a reset is returned unfiltered.
+        A sample with `dt_s` of 0 or less is ignored. The first one after a reset is returned
+        unfiltered.
         """
         if self._value is None:
             self._value = value

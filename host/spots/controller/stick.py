@@ -15,23 +15,8 @@ def picture(
 ) -> Panel:
     """Return the picture of a gamepad state.
 
-    Parameters
-    ----------
-    state : State
-        State of the gamepad to draw.
-    held : bool
-        Whether to add a remark that `state` is the last valid state, because the latest readings
-        are untrusted or missing.
-    buttons : int
-        Number of buttons to draw.
-    title : str
-        Title of the picture.
-    facts : str
-        Text of a line below the picture; if empty, there is no such line.
-
-    Returns
-    -------
-    rich.panel.Panel
+    With `held`, a remark says that this is the last valid state, because the latest readings are
+    untrusted or missing. `facts` is a line below the picture, if any.
     """
     numbers = bar_grid()
     along = "held: the reading is untrusted or missing" if held else ""

@@ -26,14 +26,9 @@ class Drive(NamedTuple):
 
 
 class About(NamedTuple):
-    """What a program tells about itself.
+    """What a program contains about itself: such as ``MicroPython``, ``v1.28.0``, its file systems.
 
-    Attributes
-    ----------
-    name, version : str
-        Such as ``MicroPython`` and ``v1.28.0``; empty if unknown.
-    drives : list of Drive
-        Its file systems.
+    Name and version are empty if unknown.
     """
 
     name: str
@@ -42,23 +37,9 @@ class About(NamedTuple):
 
 
 def about(flash: bytes, base: int) -> About:
-    """Return the facts that a program contains about itself.
+    """Return the facts that a program contains about itself; `base` is the address of its start.
 
-    Parameters
-    ----------
-    flash : bytes
-        The program.
-    base : int
-        Address of its first byte.
-
-    Returns
-    -------
-    About
-
-    Raises
-    ------
-    ValueError
-        If the program has no such facts, or they point outside the program.
+    ValueError if the program has no such facts, or they point outside the program.
     """
 
     def unpack(form: str | struct.Struct, address: int) -> tuple:

@@ -34,19 +34,9 @@ class _Config(toml.Strict, kw_only=True):
 
 
 def check(values: dict, runtime: str) -> None:
-    """Validate the configuration of a strip.
+    """Validate the configuration of a strip: ``[device]``, with the values of the strip.
 
-    Parameters
-    ----------
-    values : dict
-        Names and values of ``[device]``, replaced by those of the strip.
-    runtime : str
-        ``micropython`` or ``circuitpython``.
-
-    Raises
-    ------
-    msgspec.ValidationError
-        If a key is unknown or missing, or a board could not use its value.
+    msgspec.ValidationError if a key is unknown or missing, or a board could not use its value.
     """
     config = schema.convert(values, _Config)
     pins = {name: pin for name in _PINS if (pin := getattr(config, name)) is not None}

@@ -35,29 +35,10 @@ def install(
 ) -> None:
     """Copy an image to a board in its boot loader, and wait until the firmware answers.
 
-    Parameters
-    ----------
-    board : str
-        A name that ``spots boards`` lists.
-    runtime : str
-        The runtime's UF2 file, see `image.image`.
-    folder : str, optional
-        Folder where the board's drive is mounted. If not given, find the drive.
-    strips : int
-        Number of strips on the board.
-    layout : list of str
-        Lines of a key layout, see `image.image`.
-    led : str, optional
-        Connection of each strip's LED, see `image.image`.
-    yes : bool
-        Whether to skip the confirmation.
-
-    Raises
-    ------
-    SettingError
-        If there is no such drive or more than one, or it belongs to another chip; if the runtime
-        is not one for this board; if the user does not confirm; if the copy fails, or the firmware
-        does not answer.
+    `runtime`, `layout` and `led` are those of `image.image`. Without `folder`, the board's drive is
+    found. `yes` skips the confirmation. SpotsError if there is no such drive or more than one, or
+    it belongs to another chip; if the runtime is not one for this board; if the user does not
+    confirm; if the copy fails, or the firmware does not answer.
     """
     device = device_of(board, strips)
     if form_of(device).suffix != ".uf2":

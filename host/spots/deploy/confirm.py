@@ -9,19 +9,7 @@ from ..errors import StateError, printable
 def confirm(command: str, question: str, unchanged: str) -> None:
     """Ask a question in the terminal; only the answer y or yes lets the command go on.
 
-    Parameters
-    ----------
-    command : str
-        Name of the command, for error messages.
-    question : str
-        The question.
-    unchanged : str
-        What the error message says has not happened.
-
-    Raises
-    ------
-    StateError
-        If the answer is another one, or nobody can answer.
+    StateError if the answer is another one, or nobody can answer; it says what is `unchanged`.
     """
     if not sys.stdin.isatty():
         raise StateError(

@@ -31,15 +31,8 @@ def inline(package: Path) -> None:
     module of the package is not changed, nor are the constants of the package's module
     ``__init__``.
 
-    Parameters
-    ----------
-    package : Path
-        Folder of the package; its modules are changed in place.
-
-    Raises
-    ------
-    SpotsError
-        If a function in machine code looks up a name in capitals that is no constant.
+    The modules of the package are changed in place. SpotsError if a function in machine code looks
+    up a name in capitals that is no constant.
     """
     modules = {
         path.relative_to(package).with_suffix("").as_posix(): _Module(path)

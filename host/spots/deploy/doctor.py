@@ -52,19 +52,9 @@ _WIRES = {
 
 
 def doctor(port: str | None = None, mark: float | None = None) -> None:
-    """Check a board and print the result of each check.
+    """Check a board and print the result of each check; BoardError if one found a problem.
 
-    Parameters
-    ----------
-    port : str, optional
-        Serial port, or another value of ``--port``; by default the only board.
-    mark : float, optional
-        Place of a press that is compared with its measured position, in mm.
-
-    Raises
-    ------
-    BoardError
-        If a check found a problem.
+    `mark` is the place in mm of a press that is compared with its measured position.
     """
     problems = 0
     for check, ok, text in examine(port, mark):
@@ -77,18 +67,7 @@ def doctor(port: str | None = None, mark: float | None = None) -> None:
 
 
 def examine(port: str | None = None, mark: float | None = None) -> Iterator[Finding]:
-    """Check a port and its board; stop if no further check is possible.
-
-    Parameters
-    ----------
-    port, mark
-        As for `doctor`.
-
-    Yields
-    ------
-    Finding
-        Result of a check.
-    """
+    """Check a port and its board; stop if no further check is possible."""
     check, advice = "port", ""
     try:
         if not scheme_name(port):
@@ -132,20 +111,7 @@ def _opened(port: str | None) -> Board:
 
 
 def examine_board(board: Board, mark: float | None = None) -> Iterator[Finding]:
-    """Check a board that answers.
-
-    Parameters
-    ----------
-    board : Board
-        The board.
-    mark : float, optional
-        Place of a press in mm, see `doctor`.
-
-    Yields
-    ------
-    Finding
-        Result of a check.
-    """
+    """Check a board that answers."""
     yield Finding("hello", True, "{board}, {runtime}, id {id}".format(**board.info))
     text = firmware = board.info["firmware"]
     if firmware != __version__:
@@ -246,16 +212,9 @@ def _mark(board: Board, state: Get, hello: Hello, mark_mm: float) -> Iterator[Fi
 class _Light(NamedTuple):
     """Light of the LED, measured between two dark frames.
 
-    Attributes
-    ----------
-    light : float
-        Counts due to the LED, in the channel where they are largest; 0 without a sample.
-    peak : int
-        Largest raw count in any channel while the LED was on; 0 without a sample.
-    net : list of float
-        Largest count of each channel due to the LED; empty without a sample.
-    dark : list of float
-        Mean count of each channel with the LED off.
+    `light` are the counts due to the LED in the channel where they are largest, `peak` is the
+    largest raw count in any channel while the LED was on; both are 0 without a sample. `net` is the
+    largest count of each channel due to the LED, `dark` its mean count with the LED off.
     """
 
     light: float
@@ -298,17 +257,6 @@ def _led_light(board: Board, reading_s: float) -> _Light:
     A press also couples ambient light into the strip, and ambient light changes. So for each
     channel, the larger one of the two dark counts is subtracted from the smallest count with the
     LED on.
-
-    Parameters
-    ----------
-    board : Board
-        Board whose strip is pressed.
-    reading_s : float
-        Duration of a reading, in seconds.
-
-    Returns
-    -------
-    _Light
     """
     before = board.command("dark")["dark"]
     begun_s = board.now_s() + reading_s / 2

@@ -26,26 +26,10 @@ class Drive(Tree):
     """A mounted CIRCUITPY drive, with the same file operations as `deploy.prompt.Prompt`.
 
     Symbolic links on the drive are not followed, so nothing outside the drive is ever read, written
-    or removed.
-
-    Parameters
-    ----------
-    folder : str
-        Folder where the drive is mounted.
-    console : str, optional
-        Serial port of the board's prompt, through which `reset` restarts the board.
-
-    Attributes
-    ----------
-    facts : dict
-        Facts about the board: ``runtime`` ("circuitpython"), ``version`` (tuple of 3 int),
-        ``board_id`` and ``uid`` (unique id of the chip; None if unknown). Facts about its file
-        system, in bytes: ``block`` (size of a block) and ``free``.
-
-    Raises
-    ------
-    PortError
-        If the folder is not a CircuitPython drive.
+    or removed. `console` is the serial port of the board's prompt, through which `reset` restarts
+    the board. `facts` are ``runtime``, ``version`` (tuple of 3 int), ``board_id``, ``uid`` (id of
+    the chip; None if unknown), and of the file system ``block`` (size of a block) and ``free``, in
+    bytes. PortError if the folder is not a CircuitPython drive.
     """
 
     def __init__(self, folder: str, console: str | None = None):
@@ -87,10 +71,7 @@ def drives() -> list[str]:
 def removable(name: str) -> list[str]:
     """Return the folders of mounted removable FAT drives that have a file of this name.
 
-    Raises
-    ------
-    SpotsError
-        If psutil is missing.
+    RequirementError if psutil is missing.
     """
     try:
         import psutil

@@ -12,21 +12,9 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
     """Ask for a confirmation, then remove the firmware and its stored data from a board.
 
     Its data are settings, calibration and layout of keys. Other files stay, and also files of the
-    firmware that were changed after the flash.
-
-    Parameters
-    ----------
-    board : str
-        A name that ``spots boards`` lists.
-    port : str, optional
-        Name of a serial port, or folder of a CircuitPython drive. If not given, find the board.
-    yes : bool
-        Whether to skip the confirmation.
-
-    Raises
-    ------
-    BoardError
-        If the board is not found or has another runtime, or the user does not confirm.
+    firmware that were changed after the flash. `port` may be the folder of a CircuitPython drive;
+    without it, the board is found. SpotsError if the board is not found or has another runtime, or
+    the user does not confirm.
     """
     device = device_of(board)
     entry = ENTRIES[device.runtime][-1]

@@ -39,23 +39,15 @@ USER_FILES = tuple(f"saved-{end}.txt" for end in "ab") + tuple(
 
 @dataclass(frozen=True)
 class Plan:
-    """Changes of a board's files that bring its firmware up to date.
+    """Changes of a board's files that bring its firmware up to date, in their order.
 
-    Attributes
-    ----------
-    keep : dict of str to str
-        Files of the user that have names of the firmware's files: present path and new path. They
-        are renamed before everything else.
-    remove : list of str
-        Paths to remove, in this order. The entry file, which starts the firmware, comes first.
-    copy : list of str
-        Paths to copy, in this order. The entry file comes last.
-    need : int
-        Number of free bytes that the copy needs on the board.
-    claim : bytes
-        Manifest (list of paths and SHA-256) of old and new files, which is stored on the board
-        during the copy. After an interrupted copy, the next ``spots flash`` finds the firmware's
-        files in this manifest. Empty if the manifest does not change.
+    - `keep`: files of the user that have names of the firmware's files, with their new paths. They
+      are renamed before everything else.
+    - `remove`: the entry file, which starts the firmware, comes first.
+    - `copy`: the entry file comes last. `need` is the number of free bytes for the copy.
+    - `claim`: manifest (paths and SHA-256) of old and new files, which is stored on the board
+      during the copy, so that after an interrupted copy the next ``spots flash`` finds the
+      firmware's files. Empty if the manifest does not change.
     """
 
     keep: dict[str, str]
@@ -68,22 +60,9 @@ class Plan:
 def flash(board: str, port: str | None = None, dry_run: bool = False, strips: int = 1) -> None:
     """Copy the firmware to a board, start the firmware, and check that the board answers.
 
-    Parameters
-    ----------
-    board : str
-        A name that ``spots boards`` lists.
-    port : str, optional
-        Name of a serial port, or folder of a CircuitPython drive. If not given, find the board.
-    dry_run : bool
-        Whether to print the changes without making them.
-    strips : int
-        Number of strips on the board.
-
-    Raises
-    ------
-    SpotsError
-        If no board or more than one board is found, or if the board is of another kind, has too
-        little room, or is disconnected. To complete a partial copy, call this function again.
+    `port` may be the folder of a CircuitPython drive; without it, the board is found. SpotsError if
+    no board or more than one board is found, or if the board is of another kind, has too little
+    room, or is disconnected. To complete a partial copy, call this function again.
     """
     device = device_of(board, strips)
     with place(device, port) as there, tempfile.TemporaryDirectory() as folder:
@@ -100,23 +79,9 @@ def flash(board: str, port: str | None = None, dry_run: bool = False, strips: in
 
 
 def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> None:
-    """Raise SpotsError if a board cannot run the files that will be copied to it.
+    """BoardError if a board with these `facts` cannot run the files that will be copied to it.
 
-    Parameters
-    ----------
-    facts : dict
-        Facts about the board, see `Prompt` and `Drive`.
-    device : staging.Device
-        Description of the board for which the files were built.
-    files : dict of str to bytes
-        Content of each file, by its path on the board.
-    port : str
-        Name of the board's port, for error messages.
-
-    Raises
-    ------
-    BoardError
-        If the board has another runtime, an unsuitable version, another chip or another board ID.
+    It has another runtime, an unsuitable version, another chip or another board ID.
     """
     runs = f"the board on {port} runs {facts['runtime']}"
     if facts["runtime"] != device.runtime:
@@ -154,21 +119,7 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
 
 
 def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> Plan:
-    """Compare the files on a board with the firmware, and return the changes to make.
-
-    Parameters
-    ----------
-    files : dict of str to bytes
-        Content of each file of the firmware, by its path on the board.
-    target : Prompt or Drive
-        File system of the board.
-    runtime : str
-        ``micropython`` or ``circuitpython``.
-
-    Returns
-    -------
-    Plan
-    """
+    """Compare the files on a board with the firmware, and return the changes to make."""
     entry = ENTRIES[runtime][-1]
     known = Known(target, runtime, files)
     there = known.sizes
@@ -209,29 +160,12 @@ class Known:
 
     A file that the manifest on the board lists belongs to the firmware if its SHA-256 is unchanged.
     MicroPython's ``mip`` and copies by hand write no manifest. So an unlisted file belongs to the
-    firmware if `claimed` is true, and its path is one of the firmware's or of `more`. A partial
-    copy always belongs to the firmware if the file is listed or has such a path.
+    firmware if `claimed` is true (the board has a part of the firmware), and its path is one of the
+    firmware's or of `more`. A partial copy always belongs to the firmware if the file is listed or
+    has such a path.
 
-    Parameters
-    ----------
-    target : Prompt or Drive
-        File system of the board.
-    runtime : str
-        ``micropython`` or ``circuitpython``.
-    more : iterable of str
-        Paths of other files that belong to the firmware.
-
-    Attributes
-    ----------
-    sizes : dict
-        Size in bytes of each file that exists, by its path. Only the paths of the firmware, of the
-        manifest and of `more` are searched for, and the partial copies of such files.
-    entries : set of (str, str)
-        Path and SHA-256 of each file in the manifest on the board.
-    listed : set of str
-        Paths in the manifest.
-    claimed : bool
-        Whether the board has the firmware, or a part of the firmware.
+    `sizes` has the existing ones of these files, in bytes. `entries` has path and SHA-256 of each
+    file in the manifest.
     """
 
     def __init__(self, target: Prompt | Drive, runtime: str, more: Iterable[str] = ()):
@@ -275,20 +209,8 @@ def _free_name(target: Prompt | Drive, path: str) -> str:
 def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> None:
     """Carry out a plan: remove files from a board, and copy files to the board.
 
-    Parameters
-    ----------
-    plan : Plan
-        The changes to make.
-    files : dict of str to bytes
-        Content of each file of the firmware, by its path on the board.
-    target : Prompt or Drive
-        File system of the board.
-
-    Raises
-    ------
-    BoardError
-        If the board reports too little free room; the board is then unchanged. Also if a method of
-        `target` raises it; a part of the plan may then be done.
+    BoardError if the board reports too little free room; the board is then unchanged. After another
+    error, a part of the plan may be done.
     """
     free = target.facts["free"]
     if free is not None and plan.need > free:
@@ -313,15 +235,7 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
 
 
 def remove_folders(target: Prompt | Drive, removed: Iterable[str]) -> None:
-    """Remove the folders that contained removed files and are now empty.
-
-    Parameters
-    ----------
-    target : Prompt or Drive
-        File system of the board.
-    removed : iterable of str
-        Paths of the removed files.
-    """
+    """Remove the folders that contained removed files and are now empty."""
     folders = {str(parent) for path in removed for parent in PurePosixPath(path).parents} - {"."}
     for folder in sorted(folders, reverse=True):  # inner folders first
         target.remove_folder(folder)

@@ -39,29 +39,12 @@ def image(
 ) -> None:
     """Write one file that makes a board with a boot loader into a board with SPOTS.
 
-    Parameters
-    ----------
-    board : str
-        A name that ``spots boards`` lists.
-    runtime : str or Path
-        MicroPython for the board, as downloaded: a ``.uf2``, or a ``.bin`` for an ESP32-S3; or
-        CircuitPython's ``.uf2``.
-    out : str or Path
-        File to write.
-    strips : int
-        Number of strips on the board.
-    layout : list of str
-        Lines of a key layout. If given, the board starts as a keyboard as soon as it has a
-        calibration.
-    led : str, optional
-        Connection of each strip's LED, one of `spots_device.board.light.LEDS`; that of
-        ``board.toml`` if not given.
-
-    Raises
-    ------
-    SettingError
-        If the runtime is not one for this board, or is damaged; if the files do not fit; if the
-        file cannot be written. Nothing is written then.
+    `runtime` is MicroPython for the board, as downloaded (a ``.uf2``, or a ``.bin`` for an
+    ESP32-S3), or CircuitPython's ``.uf2``. With the lines of a `layout`, the board starts as a
+    keyboard as soon as it has a calibration. `led` is one of `spots_device.board.light.LEDS`, in
+    place of that of ``board.toml``. SettingError or FileError if the runtime is not one for this
+    board, or is damaged; if the files do not fit; if the file cannot be written. Nothing is written
+    then.
     """
     device = device_of(board, strips)
     form = form_of(device)
@@ -79,30 +62,7 @@ def image(
 def compose(
     device: Device, runtime: Path, strips: int, layout: list[str], led: str | None
 ) -> bytes:
-    """Return the content of an image.
-
-    Parameters
-    ----------
-    device : Device
-        Description of the board.
-    runtime : Path
-        File of the runtime.
-    strips : int
-        Number of strips on the board.
-    layout : list of str
-        Lines of a key layout; empty for none.
-    led : str or None
-        Connection of each strip's LED; None for that of ``board.toml``.
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    FileError
-        If the runtime is not one for this board, or is damaged; if the files do not fit.
-    """
+    """Return the content of an image, see `image`."""
     form = form_of(device)
     try:
         data = read_bytes(runtime, RUNTIME_MAX_BYTES)

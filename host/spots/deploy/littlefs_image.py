@@ -7,24 +7,8 @@ from .uf2 import SECTOR
 def file_system(files: dict[str, bytes], size: int, program: int) -> bytes:
     """Return a file system as MicroPython mounts it (LittleFS, disk version 2.1).
 
-    Parameters
-    ----------
-    files : dict of str to bytes
-        Content of each file, by its path.
-    size : int
-        Size of the file system in bytes.
-    program : int
-        Bytes that the runtime writes at once.
-
-    Returns
-    -------
-    bytes
-        Content of the flash.
-
-    Raises
-    ------
-    RequirementError
-        If the files do not fit, or littlefs-python is missing.
+    `size` is in bytes; the runtime writes `program` bytes at once. RequirementError if the files do
+    not fit, or littlefs-python is missing.
     """
     try:
         from littlefs import LittleFS, LittleFSError, UserContext

@@ -18,26 +18,12 @@ class Tree:
     """A folder and the files below it, on one file system; links are never followed.
 
     Each part of a path is checked right before its use. The parts are separated by ``/``. No part
-    may be empty, ``.`` or ``..``.
+    may be empty, ``.`` or ``..``. Only the path of the folder itself may contain links; error
+    messages call it the drive. OSError if it does not exist.
 
-    Parameters
-    ----------
-    folder : str
-        Path of the folder. This path itself may contain links.
-
-    Attributes
-    ----------
-    port : str
-        Path of the folder; error messages call it the drive.
-
-    Raises
-    ------
-    OSError
-        If the folder does not exist.
-    SpotsError
-        Raised by the methods if the file system reports an error; if a part of the path is a link
-        or a special file, or is on another file system; if the path of a file leads to a folder, or
-        that of a folder to a file.
+    The methods raise SpotsError if the file system reports an error; if a part of the path is a
+    link or a special file, or is on another file system; if the path of a file leads to a folder,
+    or that of a folder to a file.
     """
 
     def __init__(self, folder: str):
@@ -60,19 +46,7 @@ class Tree:
         return sizes
 
     def read(self, path: str, size: int) -> bytes:
-        """Return the first bytes of a file.
-
-        Parameters
-        ----------
-        path : str
-            Path of the file on the drive.
-        size : int
-            Largest number of bytes to return.
-
-        Returns
-        -------
-        bytes
-        """
+        """Return the first bytes of a file, at most `size`."""
         with self._open(path) as file:
             return file.read(size)
 
@@ -87,12 +61,7 @@ class Tree:
     def write(self, path: str, data: bytes) -> None:
         """Write a file under a temporary name, and rename the file when the disk has stored it.
 
-        Parameters
-        ----------
-        path : str
-            Path of the file on the drive. Missing folders are created.
-        data : bytes
-            Content of the file.
+        Missing folders are created.
         """
         with self._explained():
             name = self._in_folder(path, make=True)
@@ -119,15 +88,7 @@ class Tree:
             settle(os.path.dirname(name))
 
     def rename(self, path: str, new: str) -> None:
-        """Rename a file in its folder.
-
-        Parameters
-        ----------
-        path : str
-            Path of the file.
-        new : str
-            New path, in the same folder. No file may have this path.
-        """
+        """Rename a file in its folder; no file may have the new path."""
         with self._explained():
             name = self._file(path)
             os.rename(name, self._in_folder(new))

@@ -23,14 +23,8 @@ _POLL_S = 0.2  # pause between two attempts to open the restarted board
 class Place:
     """How to reach a board: its file system, and its serial ports after a restart.
 
-    Attributes
-    ----------
-    name : str
-        Name of the serial port, or the folder where the drive is mounted.
-    open : callable
-        ``open()`` opens the file system of the board.
-    ports : callable
-        ``ports()`` returns the names of the serial ports on which the board may answer.
+    `name` is that of the serial port, or the folder where the drive is mounted. ``open()`` opens
+    the file system. ``ports()`` returns the serial ports on which the board may answer.
     """
 
     name: str
@@ -42,23 +36,9 @@ class Place:
 def place(device: Device, port: str | None) -> Iterator[Place]:
     """Find a board to flash or erase; or start a simulated board, which runs during the block.
 
-    Parameters
-    ----------
-    device : staging.Device
-        Description of the board to find.
-    port : str, optional
-        Name of a serial port, or folder of a CircuitPython drive. If not given, find the board.
-
-    Yields
-    ------
-    Place
-        The board's file system and ports.
-
-    Raises
-    ------
-    SpotsError
-        If `port` is not given, and no board or more than one board is found; or if the board needs
-        CircuitPython, and `port` is not its drive.
+    `port` may be the folder of a CircuitPython drive. PortError if `port` is not given, and no
+    board or more than one board is found; or if the board needs CircuitPython, and `port` is not
+    its drive.
     """
     started = offered(port or device.port, "flash_place")
     if started is not None:
@@ -71,13 +51,7 @@ def place(device: Device, port: str | None) -> Iterator[Place]:
 
 
 def the_board() -> list[str]:
-    """Return the names of the serial ports of the only USB board.
-
-    Raises
-    ------
-    PortError
-        If no board or more than one board is found.
-    """
+    """Return the serial ports of the only USB board; PortError if there is none, or several."""
     boards = {ports[0]: ports for ports in usb_boards()}
     if not boards and (drives := boot_drives()):
         raise PortError(
@@ -103,23 +77,9 @@ def restarted(
 ) -> Board:
     """Wait until the firmware of a restarted board answers, and open the board.
 
-    Parameters
-    ----------
-    ports : callable
-        ``ports()`` returns the names of the serial ports on which the board may answer.
-    done : str
-        What the error message says before the failure: what has been done.
-    why_not : callable
-        ``why_not(board)`` returns a reason to wait for another answer, or an empty text.
-
-    Returns
-    -------
-    Board
-
-    Raises
-    ------
-    PortError
-        If the firmware does not answer within 20 s.
+    ``ports()`` returns the serial ports on which the board may answer. ``why_not(board)`` returns a
+    reason to wait for another answer, or an empty text. PortError if the firmware does not answer
+    within 20 s; it begins with what has been `done`.
     """
     deadline_s = time.monotonic() + _RETURN_S
     reason = "the board is not on USB"

@@ -25,21 +25,9 @@ _SETTLING = 5  # readings while the force rises
 
 
 def fit(board: Board, state: Get, dark: Sequence[float]) -> Finding | None:
-    """Check whether the present press fits the calibration.
+    """Check whether the present press fits the calibration; None without a calibration.
 
-    Parameters
-    ----------
-    board : Board
-        Board that streams spectra, and whose strip is pressed.
-    state : Get
-        The board's reply to ``get``.
-    dark : sequence of float
-        Counts with the LED off.
-
-    Returns
-    -------
-    Finding or None
-        None without a calibration.
+    The board streams spectra. `dark` are counts with the LED off.
     """
     board.command(_BOTH)
     pairs = _pairs(board, state)
@@ -69,20 +57,9 @@ def fit(board: Board, state: Get, dark: Sequence[float]) -> Finding | None:
 
 
 def at_mark(board: Board, state: Get, mark_mm: float) -> Finding:
-    """Compare the position of a press at a known place with this place.
+    """Compare the position of a press with its known distance from the strip's end at the sensor.
 
-    Parameters
-    ----------
-    board : Board
-        The board; at the end, it streams nothing.
-    state : Get
-        The board's reply to ``get``.
-    mark_mm : float
-        Distance of the place from the strip's end at the sensor, in mm.
-
-    Returns
-    -------
-    Finding
+    At the end, the board streams nothing.
     """
     board.command(_BOTH)
     end_s = board.now_s() + _WITHIN_S

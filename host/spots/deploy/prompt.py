@@ -75,24 +75,11 @@ machine.reset()
 class Prompt:
     """The raw prompt (raw REPL) of a board. Opening the prompt interrupts a running program.
 
-    Parameters
-    ----------
-    port : str
-        Name of the serial port.
-
-    Attributes
-    ----------
-    facts : dict
-        Facts about the board: ``runtime`` (a name), ``version`` (tuple of 3 int), and ``mpy``:
-        format version and architecture of .mpy files, as in `build.MpyHeader`. Facts about its file
-        system, in bytes; None if unknown: ``block`` (size of a block) and ``free``.
-
-    Raises
-    ------
-    SpotsError
-        If mpremote is missing, the port cannot be opened, or no prompt answers. All methods except
-        `reset` and `close` raise it, too, if a program on the board fails, the file system is full,
-        or the board is disconnected.
+    `facts` are ``runtime`` (a name), ``version`` (tuple of 3 int), ``mpy`` (format version and
+    architecture as in `build.MpyHeader`), and of the file system ``block`` (size of a block) and
+    ``free``, in bytes, None if unknown. SpotsError if mpremote is missing, the port cannot be
+    opened, or no prompt answers. All methods except `reset` and `close` raise it, too, if a program
+    on the board fails, the file system is full, or the board is disconnected.
     """
 
     def __init__(self, port: str):
@@ -134,19 +121,7 @@ class Prompt:
         return found
 
     def read(self, path: str, size: int) -> bytes:
-        """Return the first bytes of a file.
-
-        Parameters
-        ----------
-        path : str
-            Path of the file on the board.
-        size : int
-            Largest number of bytes to return.
-
-        Returns
-        -------
-        bytes
-        """
+        """Return the first bytes of a file, at most `size`."""
         data = b""
         self.run(f"_file = open({path!r}, 'rb')")
         while wanted := min(_CHUNK, size - len(data)):
@@ -167,15 +142,7 @@ class Prompt:
             self._transport.fs_rmfile(path)
 
     def rename(self, path: str, new: str) -> None:
-        """Rename a file in its folder.
-
-        Parameters
-        ----------
-        path : str
-            Path of the file.
-        new : str
-            New path, in the same folder. No file may have this path.
-        """
+        """Rename a file in its folder; no file may have the new path."""
         self.run(f"import os\nos.rename({path!r}, {new!r})")
 
     def remove_folder(self, path: str) -> None:
@@ -185,17 +152,7 @@ class Prompt:
     def write(self, path: str, data: bytes) -> None:
         """Write a file under a temporary name, check its SHA-256, and rename it.
 
-        Parameters
-        ----------
-        path : str
-            Path of the file on the board. Missing folders are created.
-        data : bytes
-            Content of the file.
-
-        Raises
-        ------
-        PortError
-            If the content is damaged during the transfer; also for the reasons that `Prompt` lists.
+        Missing folders are created. PortError if the content is damaged during the transfer.
         """
         for folder in map(str, [*PurePosixPath(path).parents][-2::-1]):
             self.run(_MAKE_FOLDER.format(folder))

@@ -29,17 +29,9 @@ _PICO_PROGRAM, _ESP32_PROGRAM = 256, 32
 class Form(NamedTuple):
     """What an image for a kind of board is made from.
 
-    Attributes
-    ----------
-    suffix : str
-        End of the names of the runtime's file and of the image.
-    heads : tuple of bytes
-        First bytes of such a file.
-    source : str
-        Name of the runtime's file, for messages.
-    compose : callable
-        ``compose(device, data, name, build)`` checks the runtime, calls ``build() -> Path``, which
-        builds the firmware in a folder, and returns the image.
+    `suffix` and `heads` (first bytes) are those of the runtime's file and of the image; `source`
+    names the runtime's file in messages. ``compose(device, data, name, build)`` checks the runtime,
+    calls ``build() -> Path``, which builds the firmware in a folder, and returns the image.
     """
 
     suffix: str
@@ -49,13 +41,7 @@ class Form(NamedTuple):
 
 
 def form_of(device: Device) -> Form:
-    """Return the form of a board's images.
-
-    Raises
-    ------
-    SettingError
-        If there is none, as for a virtual board.
-    """
+    """Return the form of a board's images; SettingError if there is none: a virtual board."""
     if device.board_id:
         source = f"CircuitPython's UF2 for {device.board_id}"
         return Form(".uf2", (b"UF2\n",), source, _circuitpython)

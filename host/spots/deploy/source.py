@@ -10,15 +10,7 @@ from pathlib import Path
 class Source:
     """A module of which parts can be replaced, without a change of the rest of its text.
 
-    Parameters
-    ----------
-    path : Path
-        File of the module.
-
-    Attributes
-    ----------
-    tree : ast.Module
-        Syntax tree of the module; parts are replaced by their positions in this tree.
+    Parts are replaced by their positions in the syntax tree `tree`.
     """
 
     def __init__(self, path: Path):
@@ -32,12 +24,8 @@ class Source:
     def replace(self, first: tuple[int, int], end: tuple[int, int], text: str) -> None:
         """Replace a part of the module when the file is written.
 
-        Parameters
-        ----------
-        first, end : (int, int)
-            Line number and column of the first character, and of the character after the last.
-        text : str
-            Replacement.
+        `first` and `end` are line number and column of the first character, and of the character
+        after the last.
         """
         start, stop = (self._before[line - 1] + column for line, column in (first, end))
         self._changes.append((start, stop, text.encode()))

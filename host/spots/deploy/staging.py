@@ -57,31 +57,17 @@ ARCHITECTURES = (
 class Device(toml.Strict, kw_only=True):
     """Content of a board file (board.toml), which describes a kind of board.
 
-    Attributes
-    ----------
-    title : str
-        Readable name of the board.
-    runtime : str
-        ``micropython`` or ``circuitpython``.
-    port : str or None
-        Port of a board that is not on USB, such as ``virtual``.
-    march : str or None
-        Architecture for ``mpy-cross -march``; None for bytecode only, and for CircuitPython.
-    viper : bool
-        Whether MicroPython's viper compiles the firmware's modules `burst`, `kernel`, `locate` and
-        `sticking` to machine code; requires `march`.
-    board_id : str or None
-        CircuitPython's ID of the board, in boot_out.txt; None for MicroPython.
-    download : str or None
-        Name of MicroPython's build for the board, as in micropython.org/download/RPI_PICO; None for
-        CircuitPython and virtual boards.
-    device : dict
-        Names and values for board_config.py, including the board's ``NAME``.
-    strips : tuple of dict
-        For each strip that the board has pins for, from sensor 0 on: the values that differ from
-        those of `device`.
-    wiring : dict
-        Pin of each wire, as printed on the board; only for documents.
+    - `port`: port of a board that is not on USB, such as ``virtual``.
+    - `march`: architecture for ``mpy-cross -march``; None for bytecode only, and for CircuitPython.
+    - `viper`: whether MicroPython's viper compiles the firmware's modules `burst`, `kernel`,
+      `locate` and `sticking` to machine code; requires `march`.
+    - `board_id`: CircuitPython's ID of the board, in boot_out.txt; None for MicroPython.
+    - `download`: name of MicroPython's build for the board, as in
+      micropython.org/download/RPI_PICO; None for CircuitPython and virtual boards.
+    - `device`: names and values for board_config.py, including the board's ``NAME``.
+    - `strips`: for each strip that the board has pins for, from sensor 0 on, the values that differ
+      from those of `device`.
+    - `wiring`: pin of each wire, as printed on the board; only for documents.
     """
 
     title: str
@@ -124,27 +110,12 @@ def board_names() -> list[str]:
 
 
 def device_of(board: str, strips: int = 1) -> Device:
-    """Read the board file of a board.
+    """Read the board file of a board that ``spots boards`` lists.
 
-    Parameters
-    ----------
-    board : str
-        A name that ``spots boards`` lists.
-    strips : int
-        Number of strips on the board. For more than 1, the dict `Device.device` of the result has
-        the key ``SENSORS``, with a list of one dict for each strip: the strip's pins
-        and other configuration, by name.
-
-    Returns
-    -------
-    Device
-        Values of the board file.
-
-    Raises
-    ------
-    FileError, SettingError
-        If the board is unknown or has no pins for this number of strips, or its board file is
-        invalid.
+    For more than one strip, the dict `Device.device` has the key ``SENSORS``, with a list of one
+    dict for each strip: the strip's pins and other configuration, by name. SettingError or
+    FileError if the board is unknown or has no pins for this number of strips, or its board file is
+    invalid.
     """
     known = board_names()
     if board not in known:
@@ -182,22 +153,10 @@ def names(runtime: str) -> set[str]:
 
 
 def stage(board: str, folder: Path, strips: int = 1) -> None:
-    """Copy a board's files into a folder: firmware, libraries and board_config.py, as sources.
+    """Copy a board's firmware, libraries and board_config.py as sources into an empty folder.
 
-    Parameters
-    ----------
-    board : str
-        A name that ``spots boards`` lists.
-    folder : Path
-        An empty folder.
-    strips : int
-        Number of strips on the board.
-
-    Raises
-    ------
-    SpotsError
-        If the board is unknown or cannot have this number of strips, or a library is not installed
-        on this computer.
+    SpotsError if the board is unknown or cannot have this number of strips, or a library is not
+    installed on this computer.
     """
     device = device_of(board, strips)
     sensors = device.device.get("SENSORS", ())

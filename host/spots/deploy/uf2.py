@@ -32,14 +32,9 @@ FLASH_END = FLASH + (16 << 20)
 class Uf2(NamedTuple):
     """Content of a UF2 file.
 
-    Attributes
-    ----------
-    family : int
-        Kind of chip, such as `RP2040`.
-    flash : dict
-        256 bytes by their address, in the order of the file.
-    first : bytes
-        The absolute block with which the file begins, 512 bytes as they are; empty without one.
+    `family` is a kind of chip, such as `RP2040`. `flash` has 256 bytes by their address, in the
+    order of the file. `first` is the absolute block with which the file begins, 512 bytes as they
+    are; empty without one.
     """
 
     family: int
@@ -50,21 +45,7 @@ class Uf2(NamedTuple):
 def read(data: bytes, name: str) -> Uf2:
     """Read a UF2 file, and check every block.
 
-    Parameters
-    ----------
-    data : bytes
-        Content of the file.
-    name : str
-        Name of the file, for error messages.
-
-    Returns
-    -------
-    Uf2
-
-    Raises
-    ------
-    FileError
-        If a block is damaged, missing, written twice or of another kind than its neighbours.
+    FileError if a block is damaged, missing, written twice or of another kind than its neighbours.
     """
 
     def refuse(number: int, why: str) -> SpotsError:

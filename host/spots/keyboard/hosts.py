@@ -31,15 +31,7 @@ _NAMED_MAX = 6  # layouts in an error message
 
 
 class Stroke(NamedTuple):
-    """A key that is pressed once.
-
-    Attributes
-    ----------
-    modifiers : int
-        Bits of the modifier keys that are down.
-    usage : int
-        HID usage of the key, page 7.
-    """
+    """A key of HID page 7 that is pressed once, with the bits of its modifier keys."""
 
     modifiers: int
     usage: int
@@ -48,19 +40,11 @@ class Stroke(NamedTuple):
 class Table(NamedTuple):
     """The part of ``hosts.txt`` for one layout.
 
-    Attributes
-    ----------
-    name : str
-        Name in layout files, such as ``de``.
-    xkb, language : str
-        Name in XKB, and locale of the users without its encoding.
-    rows : list of list of str
-        For no modifier, shift, AltGr, and shift with AltGr: the characters and the names of dead
-        keys, in the order of `KEYS`.
-    windows : list of Stroke
-        Keys that type the same character with AltGr on Windows.
-    without : set of str
-        Characters of dead keys that the languages of a layout make in different ways.
+    `name` is that of layout files, such as ``de``; `xkb` that of XKB; `language` the locale of the
+    users without its encoding. `rows` has, for no modifier, shift, AltGr, and shift with AltGr, the
+    characters and the names of dead keys, in the order of `KEYS`. `windows` has the keys that type
+    the same character with AltGr on Windows. `without` has characters of dead keys that the
+    languages of a layout make in different ways.
     """
 
     name: str
@@ -80,17 +64,7 @@ class Sequence(NamedTuple):
 
 
 class Host:
-    """The layout of a computer.
-
-    Parameters
-    ----------
-    table : Table
-        Its keys.
-    sequences : list of Sequence
-        What dead keys make.
-    system : str
-        One of `SYSTEMS`.
-    """
+    """The layout of a computer with one of `SYSTEMS`; `sequences` is what dead keys make."""
 
     def __init__(self, table: Table, sequences: list[Sequence], system: str = LINUX):
         self.name = table.name
@@ -115,10 +89,7 @@ class Host:
     def strokes(self, character: str) -> tuple[Stroke, ...]:
         """Return the keys that type a character one after the other; empty if none do.
 
-        Parameters
-        ----------
-        character : str
-            One character; a line feed is the key enter, a tab the key tab.
+        A line feed is the key enter, a tab the key tab.
         """
         if character in _EVERYWHERE:
             return (Stroke(0, _EVERYWHERE[character]),)
@@ -191,24 +162,7 @@ def every(system: str = LINUX) -> dict[str, Host]:
 
 
 def host_of(name: str, system: str = LINUX) -> Host:
-    """Return a layout.
-
-    Parameters
-    ----------
-    name : str
-        Name of the layout.
-    system : str
-        One of `SYSTEMS`.
-
-    Returns
-    -------
-    Host
-
-    Raises
-    ------
-    SettingError
-        If there is no layout of this name; the message lists all names.
-    """
+    """Return a layout; SettingError with all names if there is none of this name."""
     hosts = every(system)
     if name not in hosts:
         raise SettingError(f"there is no host '{name}': use one of {', '.join(hosts)}")
@@ -216,20 +170,7 @@ def host_of(name: str, system: str = LINUX) -> Host:
 
 
 def typing(character: str, system: str = LINUX) -> str:
-    """Return a part of a sentence: which layouts of a system type a character.
-
-    Parameters
-    ----------
-    character : str
-        The character.
-    system : str
-        One of `SYSTEMS`.
-
-    Returns
-    -------
-    str
-        Such as "these hosts can: de, ch".
-    """
+    """Return which layouts of a system type a character, such as "these hosts can: de, ch"."""
     names = [name for name, host in every(system).items() if host.strokes(character)]
     if not names:
         return "no host of SPOTS can"

@@ -59,12 +59,8 @@ def show(name: str) -> None:
 class Pushed(NamedTuple):
     """What `push` did.
 
-    Attributes
-    ----------
-    note : str or None
-        Reason why the keys do not work yet; None if they work.
-    exposure : str or None
-        The exposure of the board and whether every key is certain; None if it is unknown.
+    `note` is the reason why the keys do not work yet; None if they work. `exposure` has the
+    exposure of the board and whether every key is certain; None if it is unknown.
     """
 
     note: str | None
@@ -72,26 +68,10 @@ class Pushed(NamedTuple):
 
 
 def push(board: Board, layout: KeyLayout, expose: bool = False) -> Pushed:
-    """Upload a layout to a board, switch on keys, and store both on the board.
+    """Upload a layout to a calibrated board, switch on keys, and store both on the board.
 
-    Parameters
-    ----------
-    board : Board
-        A calibrated board.
-    layout : KeyLayout
-        Layout to upload.
-    expose : bool, optional
-        Whether to set the shortest exposure at which every key is certain. If the user has set
-        another exposure, it stays.
-
-    Returns
-    -------
-    Pushed
-
-    Raises
-    ------
-    SpotsError
-        If the board refuses the layout or a command.
+    With `expose`, the shortest exposure at which every key is certain is set, unless the user has
+    set another one. BoardError if the board refuses the layout or a command.
     """
     info = board.command("hello")
     calibration = stored_calibration(board, info)
@@ -115,19 +95,9 @@ def push(board: Board, layout: KeyLayout, expose: bool = False) -> Pushed:
 
 
 def new_texts(board: Board, layout: KeyLayout) -> list[str]:
-    """Return the texts of a layout that the layout on a board does not have.
+    """Return the texts and macros of a layout that the layout on a board does not have.
 
-    Parameters
-    ----------
-    board : Board
-        The board.
-    layout : KeyLayout
-        Layout to upload.
-
-    Returns
-    -------
-    list of str
-        Texts and macros in the notation of layout files.
+    They are in the notation of layout files.
     """
     # What one character needs is no text that somebody else could have written.
     texts = {text: own for text, own in layout.texts.items() if len(text) > len("text x")}
@@ -158,16 +128,8 @@ def _texts_on(board: Board) -> set[tuple[int, ...]]:
 def names(word: str) -> list[str]:
     """Return a line for each key whose names contain a word, or that types a character.
 
-    Parameters
-    ----------
-    word : str
-        Part of a name; empty for all keys. For a character, the lines name the keys of each host,
-        too.
-
-    Raises
-    ------
-    SettingError
-        If nothing is found.
+    An empty word is for all keys. For a character, the lines name the keys of each host, too.
+    SettingError if nothing is found.
     """
     found = []
     for one in USAGES.values():
@@ -219,16 +181,7 @@ def picture(layout: KeyLayout) -> Panel:
 def row(keys: list[PlacedKey], lit: int | None = None) -> Text:
     """Return a picture of one layer's keys as one line; the sensor is on the left.
 
-    Parameters
-    ----------
-    keys : list of PlacedKey
-        Keys of the layer.
-    lit : int, optional
-        Index of a key to highlight.
-
-    Returns
-    -------
-    rich.text.Text
+    `lit` is the index of a key to highlight.
     """
     line = Text()
     for i, key in enumerate(keys):
@@ -241,20 +194,10 @@ def row(keys: list[PlacedKey], lit: int | None = None) -> Text:
 
 
 def say(layout: KeyLayout, action: int) -> str:
-    """Return an action in the notation of layout files.
+    """Return an action in the notation of layout files, such as ``toggle`` and the name of a layer.
 
-    Parameters
-    ----------
-    layout : KeyLayout
-        Layout that the action belongs to, for the names of its layers.
-    action : int
-        Action as the board encodes it, see `spots_device.keys.layout.action`; 0 for no action.
-
-    Returns
-    -------
-    str
-        Modifiers and key, joined by ``+``; or a word such as ``toggle`` and the name of a layer.
-        Empty for no action.
+    The action is encoded as by `spots_device.keys.layout.action`; the text is empty for 0, no
+    action.
     """
     if not action:
         return ""

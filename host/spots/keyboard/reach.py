@@ -11,18 +11,9 @@ _STICKY = -1  # not the number of a kind of actions
 
 
 def causes(action: int, behaviours: list) -> Iterator[int]:
-    """Yield an action, and all actions that its behaviours may cause.
+    """Yield an action, and all actions that its behaviours may cause; 0 causes nothing.
 
-    Parameters
-    ----------
-    action : int
-        Action as encoded by `spots_device.keys.layout.action`; 0 causes nothing.
-    behaviours : list of layout.Behaviour
-        Behaviours of the layout.
-
-    Yields
-    ------
-    int
+    Actions are encoded by `spots_device.keys.layout.action`.
     """
     if not action:
         return
@@ -38,22 +29,8 @@ def problems(
     """Return a sentence for each key or action that can never be typed.
 
     For keys whose layer is never on, all combinations of layers that one finger can reach are
-    tried: what it switches, what is sticky, and what another finger holds.
-
-    Parameters
-    ----------
-    layers : dict of str to list of layout.PlacedKey
-        Keys of each layer.
-    swipes : dict of str to dict of str to int
-        Actions of the swipes of each layer.
-    behaviours : list of layout.Behaviour
-        Behaviours of the layout.
-    tuning : dict of str to int
-        Limits of the layout by name, see `spots_device.keys.layout.LIMITS`.
-
-    Returns
-    -------
-    list of str
+    tried: what it switches, what is sticky, and what another finger holds. `swipes` and `tuning`
+    have actions and `spots_device.keys.layout.LIMITS` by name.
     """
     off = _layers_off(layers, swipes, behaviours)
     found = []

@@ -42,10 +42,7 @@ text { font: 11px system-ui, sans-serif; fill: #1d1b19; }
 def picture(flavor: int) -> str:
     """Return a picture of one flavor, without a style.
 
-    Parameters
-    ----------
-    flavor : int
-        Index in `layout.FLAVORS`, plus `spots_device.keys.layout.RETRO_TAP`.
+    `flavor` is an index in `layout.FLAVORS`, plus `spots_device.keys.layout.RETRO_TAP`.
     """
     parts, height = _column(flavor)
     return "\n".join([_head(WIDTH, height, flavor_name(flavor)), *parts, "</svg>"])

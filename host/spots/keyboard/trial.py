@@ -22,18 +22,9 @@ class Span(NamedTuple):
 
 
 class Touch(NamedTuple):
-    """A finger on the strip.
+    """A finger on the strip; `place` and `slide` are shares of the strip's length.
 
-    Attributes
-    ----------
-    place : float
-        Position, as a share of the strip's length.
-    begin_ms, end_ms : int
-        Times of its first and last light.
-    firm_ms : int, optional
-        Time from which on it presses firmly.
-    slide : float
-        Distance that it moves during the touch, as a share of the strip's length.
+    From `firm_ms` on, it presses firmly. It slides during the whole touch.
     """
 
     place: float
@@ -63,18 +54,8 @@ WORDS = {
 def play(flavor: int, gesture: str) -> list[Span]:
     """Play a gesture on the engine, on a key and, with a second finger, on a plain key beside it.
 
-    Parameters
-    ----------
-    flavor : int
-        Index in `layout.FLAVORS`, plus `spots_device.keys.layout.RETRO_TAP`.
-    gesture : str
-        One of `GESTURES`.
-
-    Returns
-    -------
-    list of Span
-        What the computer gets ("tap", "hold" or "other"), in the order of the presses. The
-        tapping term is `TERM_MS`.
+    `flavor` is an index in `layout.FLAVORS`, plus `spots_device.keys.layout.RETRO_TAP`. Returned is
+    what the computer gets ("tap", "hold" or "other"), in the order of the presses.
     """
     tap, hold, other = (action(KEYBOARD, usage) for usage in _WHAT)
     lines = [
@@ -96,23 +77,10 @@ def played(
     after_ms: int,
     named: Callable[[int, int, int], str],
 ) -> list[Span]:
-    """Play touches on a layout.
+    """Play touches on a layout; return what the computer gets, in the order of the presses.
 
-    Parameters
-    ----------
-    lines : sequence of str
-        Lines of the layout.
-    touches : sequence of Touch
-        The fingers.
-    after_ms : int
-        Time after the last finger in which everything is decided.
-    named : callable
-        ``named(page, usage, modifiers)`` returns the text for a pressed key.
-
-    Returns
-    -------
-    list of Span
-        What the computer gets, in the order of the presses.
+    Within `after_ms` after the last finger, everything must be decided. ``named(page, usage,
+    modifiers)`` returns the text for a pressed key.
     """
     sink = _Sink(named)
     engine = Engine(sink, Merger())

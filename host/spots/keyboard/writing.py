@@ -25,23 +25,9 @@ _UNITS_MAX = 0xFF  # of a step that waits
 class Writing:
     """Translates what a layout file names into keys, for one host layout and system.
 
-    Parameters
-    ----------
-    host : str or None
-        Name of the host layout, see `hosts`; None if the file names none.
-    system : str or None
-        One of `hosts.SYSTEMS`. None if the file names none: then only what is equal on Linux and
-        Windows can be typed.
-
-    Attributes
-    ----------
-    shown : dict of int to str
-        Characters of the file by their actions, as encoded by `spots_device.keys.layout.action`.
-
-    Raises
-    ------
-    SpotsError
-        If there is no such host layout.
+    If the file names no system, only what is equal on Linux and Windows can be typed. `shown` has
+    the characters of the file by their actions, as encoded by `spots_device.keys.layout.action`.
+    SettingError if there is no such host layout.
     """
 
     def __init__(self, host: str | None, system: str | None):
@@ -52,20 +38,8 @@ class Writing:
     def actions(self, text: str) -> list[int]:
         """Return the actions that press a key or type a character, one after the other.
 
-        Parameters
-        ----------
-        text : str
-            Key or character, with modifiers and ``+`` before it.
-
-        Returns
-        -------
-        list of int
-            One action; more only for a character that needs dead keys.
-
-        Raises
-        ------
-        SettingError
-            If a name is unknown, or the host cannot type the character.
+        Modifiers and ``+`` may come before it. Only a character that needs dead keys has several
+        actions. SettingError if a name is unknown, or the host cannot type the character.
         """
         modifiers, name = split_chord(text)
         bits = self._bits(modifiers)
@@ -86,26 +60,15 @@ class Writing:
     def text(self, text: str) -> list[int]:
         """Return the steps that type a text, see `spots_device.keys.layout`.
 
-        Raises
-        ------
-        SpotsError
-            If the host cannot type a character.
+        SettingError if the host cannot type a character.
         """
         strokes = (stroke for character in text for stroke in self._strokes(character))
         return [stroke.modifiers << 8 | stroke.usage for stroke in strokes]
 
     def macro(self, parts: list[str]) -> list[int]:
-        """Return the steps of a macro.
+        """Return the steps of a macro: keys, characters, ``text TEXT`` and ``wait MS``.
 
-        Parameters
-        ----------
-        parts : list of str
-            Keys, characters, ``text TEXT`` and ``wait MS``.
-
-        Raises
-        ------
-        SpotsError
-            If a part is none of these.
+        SettingError if a part is something else.
         """
         steps: list[int] = []
         for part in parts:

@@ -13,10 +13,7 @@ from .usages import Usage
 class DesktopKeyboard(Keyboard):
     """Presses keys of this computer on macOS and Windows.
 
-    Raises
-    ------
-    RequirementError
-        If pynput is missing, or there is no desktop.
+    RequirementError if pynput is missing, or there is no desktop.
     """
 
     def __init__(self):

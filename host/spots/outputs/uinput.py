@@ -19,10 +19,7 @@ _PACKAGE = "evdev-binary" if platform.machine() == "x86_64" else "evdev"
 class UInputKeyboard(Keyboard):
     """A virtual keyboard with all keys of `usages`.
 
-    Raises
-    ------
-    SpotsError
-        If evdev is missing, or /dev/uinput is missing or not writable.
+    RequirementError if evdev is missing, or /dev/uinput is missing or not writable.
     """
 
     def __init__(self):
@@ -46,10 +43,7 @@ class UInputKeyboard(Keyboard):
 class UInputGamepad(Gamepad):
     """A virtual gamepad with the same axes and buttons as the gamepad of a board.
 
-    Raises
-    ------
-    SpotsError
-        If evdev is missing, or /dev/uinput is missing or not writable.
+    RequirementError if evdev is missing, or /dev/uinput is missing or not writable.
     """
 
     def __init__(self):

@@ -25,17 +25,6 @@ def hotkey(key: str, action: Callable[[], None]) -> Iterator[None]:
     """Call ``action()``, in another thread, whenever a key is pressed; needs a terminal.
 
     Without a terminal as standard input, this does nothing.
-
-    Parameters
-    ----------
-    key : str
-        The key, as a character.
-    action : callable
-        Called without arguments.
-
-    Yields
-    ------
-    None
     """
     try:
         if not sys.stdin.isatty():

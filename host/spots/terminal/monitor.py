@@ -20,23 +20,8 @@ PLAIN_LINES_PER_S = 4
 def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None = None) -> None:
     """Show a board's readings for a given time or until Ctrl-C.
 
-    In a terminal, show a live picture; otherwise print lines.
-
-    Parameters
-    ----------
-    board : Board
-        The board to read.
-    seconds : float or None
-        Duration, in seconds by the clock of `Board.now_s`; no limit if None.
-    quiet : bool
-        Whether to print nothing.
-    judge : Judge, optional
-        Compares the readings with the true values, if these are known.
-
-    Raises
-    ------
-    SpotsError
-        If the board is closed or refuses a command.
+    In a terminal, show a live picture; otherwise print lines. The time is that of `Board.now_s`.
+    `judge` compares the readings with the true values, if these are known.
     """
     board.patience_s = math.inf
     with suppress(KeyboardInterrupt), drawn(not quiet) as display:

@@ -43,15 +43,7 @@ class Judge(Protocol):
     """Compares readings with known true values, such as those of a simulated finger."""
 
     def take(self, touch: Touch, arrived_s: float) -> None:
-        """Compare a reading with the true values.
-
-        Parameters
-        ----------
-        touch : Touch
-            The reading.
-        arrived_s : float
-            Time of the reading's arrival, in seconds by the clock of `Board.now_s`.
-        """
+        """Compare a reading, which arrived at a time of `Board.now_s`, with the true values."""
 
     def facts(self) -> dict:
         """Return the results of the comparison, as dicts of names and values to show.
@@ -62,24 +54,11 @@ class Judge(Protocol):
 
 
 class StripView:
-    """A picture of the latest readings of one strip.
+    """A picture of the latest readings of one strip, from the board's reply to ``hello`` for it.
 
-    Parameters
-    ----------
-    info : dict
-        The board's reply to ``hello`` for this strip.
-    port : str
-        Name of the board's port; with several strips, also the strip's number.
-
-    Attributes
-    ----------
-    state : str
-        State of the link, see `link.board.Board.state`. It is shown unless it is ``connected``.
-    advice : str
-        Sentence that is shown below the picture.
-    unit : str
-        Unit of ``force_mN / 1000``: ``N``, or ``relative`` if the strip was calibrated without a
-        kitchen scale.
+    `state` is that of `link.board.Board.state`; it is shown unless it is ``connected``. `advice` is
+    shown below the picture. `unit` is that of ``force_mN / 1000``: ``N``, or ``relative`` if the
+    strip was calibrated without a kitchen scale.
     """
 
     def __init__(self, info: dict, port: str):
@@ -101,19 +80,7 @@ class StripView:
             self._counts = frame.counts
 
     def picture(self, stats: LinkStats, judge: Judge | None = None) -> Panel:
-        """Return a picture of the latest readings and of the link.
-
-        Parameters
-        ----------
-        stats : LinkStats
-            Statistics of the link, shown below the strip.
-        judge : Judge, optional
-            Source of the errors to show, if the true values are known.
-
-        Returns
-        -------
-        rich.panel.Panel
-        """
+        """Return a picture of the latest readings and of the link; `judge` adds their errors."""
         judged = judge.facts() if judge else {"link": {}, "rows": []}
         info = self._info
         parts = [self._strip(), self._scale(), Text(), self._numbers(), self._history(), Text()]
@@ -177,20 +144,7 @@ class StripView:
 def framed(parts: Iterable[RenderableType], title: str, columns: int, rows: int = 1) -> Panel:
     """Return a picture: parts below each other in a frame with a title.
 
-    Parameters
-    ----------
-    parts : iterable of renderables
-        Parts of the picture, such as texts and tables.
-    title : str
-        Title in the frame.
-    columns : int
-        Width of the frame, in characters.
-    rows : int
-        Number of empty rows below and above the parts.
-
-    Returns
-    -------
-    rich.panel.Panel
+    The frame is `columns` characters wide; `rows` empty rows are below and above the parts.
     """
     return Panel(Group(*parts), title=Text(printable(title)), width=columns, padding=(rows, 2))
 
@@ -198,18 +152,7 @@ def framed(parts: Iterable[RenderableType], title: str, columns: int, rows: int 
 def bars(plan: Sequence[str], counts: Sequence[float], least: float) -> Table:
     """Return a table with a bar for each channel.
 
-    Parameters
-    ----------
-    plan : sequence of str
-        Names of the channels.
-    counts : sequence of float
-        Counts of the channels.
-    least : float
-        Count at which a bar has full length, unless a channel has a larger count.
-
-    Returns
-    -------
-    rich.table.Table
+    A bar has full length at the count `least`, unless a channel has a larger count.
     """
     grid = bar_grid()
     top = max([*counts, least])
@@ -256,23 +199,7 @@ def flag_words(touch: Touch) -> list[str]:
 
 
 def plain(touch: Touch, started_s: float, unit: str = "N") -> str:
-    """Return a reading as a line of text.
-
-    Parameters
-    ----------
-    touch : Touch
-        A reading with its host time.
-    started_s : float
-        Time of the start, in seconds of the clock of ``touch.time_s``; the line shows the time
-        since then.
-    unit : str
-        Unit of the force, see `StripView`.
-
-    Returns
-    -------
-    str
-        Time in s, position in mm, force, and words for the flags.
-    """
+    """Return a reading as a line of text, with the time since `started_s` by ``touch.time_s``."""
     time_s = touch.time_s - started_s
     words = " ".join(flag_words(touch))
     if not _is_felt(touch):
@@ -295,13 +222,7 @@ def drawn(wanted: bool) -> Iterator[Live | None]:
 
 
 class Pace:
-    """Limits how often to redraw, so that drawing does not delay readings.
-
-    Parameters
-    ----------
-    per_s : float
-        Largest number of redraws per second.
-    """
+    """Limits how often to redraw, so that drawing does not delay readings."""
 
     def __init__(self, per_s: float = _REDRAWS_PER_S):
         self._every_s = 1 / per_s

@@ -282,19 +282,9 @@ class Gestures:
 class _Path:
     """Path of a finger, updated with each reading at constant cost.
 
-    Attributes
-    ----------
-    began_s, left_s, end_s : float
-        Times in seconds: of the first reading, of the finger's departure from its first position,
-        and of the last reading.
-    begin_um, end_um : int
-        First and last position, in um.
-    force_mN, hardest_mN : int
-        Latest and largest force, in mN.
-    hard_since_s : float
-        Time at which a still finger began to press hard; infinity if it does not press hard.
-    decided : bool
-        Whether the path cannot give another gesture: it has given one, or two fingers touch.
+    `left_s` is the time of the finger's departure from its first position. `hard_since_s` is the
+    time at which a still finger began to press hard; infinity if it does not press hard. If
+    `decided`, the path cannot give another gesture: it has given one, or two fingers touch.
     """
 
     def __init__(self, now_s: float, x_um: int):

@@ -7,32 +7,10 @@ _STEEPNESS = 8.0
 
 
 def above(value: float, limit: float) -> float:
-    """Return the confidence that a value is above a limit.
-
-    Parameters
-    ----------
-    value, limit : float
-        Value and limit, in the same unit.
-
-    Returns
-    -------
-    float
-        Confidence from 0 to 1: 0.5 at the limit, 0.9 at 1.27 times the limit.
-    """
+    """Return the confidence that a value is above a limit: 0.5 at it, 0.9 at 1.27 times it."""
     return 1 / (1 + math.exp(-_STEEPNESS * (value / limit - 1)))
 
 
 def below(value: float, limit: float) -> float:
-    """Return the confidence that a value is below a limit.
-
-    Parameters
-    ----------
-    value, limit : float
-        Value and limit, in the same unit.
-
-    Returns
-    -------
-    float
-        Confidence from 0 to 1; 0.5 at the limit.
-    """
+    """Return the confidence that a value is below a limit; 0.5 at the limit."""
     return 1 - above(value, limit)

@@ -31,20 +31,9 @@ _SIGMAS = 4.0  # distance of a slide in standard deviations that gives a confide
 class TwoFingers:
     """Detects gestures of two fingers in the readings of one strip.
 
-    Parameters
-    ----------
-    length_um : int
-        Length of the strip, in um.
-    decay : int, optional
-        Decay of the light along the strip, see `link.contact_finder.ContactFinder`.
-    cross : sequence of int, optional
-        Cross-sensitivity of the strip, see `link.contact_finder.ContactFinder`.
-
-    Attributes
-    ----------
-    both : bool
-        Whether two fingers have touched together for at least 0.15 s (longer than fingers overlap
-        in typing), and at least one of them still touches.
+    Decay and cross-sensitivity are those of `link.contact_finder.ContactFinder`. `both` is whether
+    two fingers have touched together for at least 0.15 s (longer than fingers overlap in typing),
+    and at least one of them still touches.
     """
 
     def __init__(

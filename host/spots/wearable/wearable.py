@@ -29,12 +29,7 @@ _TICK_S = 0.02
 class GesturesFile(toml.Strict):
     """Content of a gestures file, which assigns keys of the computer to gestures.
 
-    Attributes
-    ----------
-    gestures : dict of str to str
-        Name of the key for each gesture.
-    least_confidence : float
-        Gestures with a lower confidence (0 to 1) press no key.
+    Gestures with a lower confidence than `least_confidence` press no key.
     """
 
     gestures: dict[str, str]
@@ -44,26 +39,9 @@ class GesturesFile(toml.Strict):
 class Mapping:
     """Keys that the gestures press, read from a gestures file.
 
-    Parameters
-    ----------
-    path : str or Path
-        Path of the file, or name of a file in the package.
-    text : str, optional
-        Text of the file; if not given, the file is read.
-
-    Attributes
-    ----------
-    least_confidence : float
-        Gestures with a lower confidence press no key.
-    names : dict of str to str
-        Name of the key for each gesture, as in the file.
-    keys : dict of str to tuple of int
-        HID usage page, usage and modifier bits of the key for each gesture.
-
-    Raises
-    ------
-    FileError, SettingError
-        If the file does not exist or is invalid.
+    `path` is a path, or the name of a file in the package; without `text`, the file is read.
+    `names` has the names of the keys as in the file, `keys` their HID usage page, usage and
+    modifier bits. FileError if the file does not exist or is invalid.
     """
 
     def __init__(self, path: str | Path = DEFAULT, text: str | None = None):
@@ -90,20 +68,7 @@ class Mapping:
         )
 
     def do(self, gesture: Gesture, keyboard: Keyboard) -> None:
-        """Press and release the key of a gesture if the gesture's confidence is high enough.
-
-        Parameters
-        ----------
-        gesture : Gesture
-            The gesture.
-        keyboard : Keyboard
-            Keyboard that gets both key events.
-
-        Raises
-        ------
-        SpotsError
-            If the keyboard refuses events.
-        """
+        """Press and release the key of a gesture if the gesture's confidence is high enough."""
         if self.pressed_by(gesture):
             keyboard.click(*self.keys[gesture.name])
 
@@ -131,28 +96,8 @@ def play(
 ) -> list[Gesture]:
     """Read a board, and report each gesture when it is complete; return all gestures at the end.
 
-    Parameters
-    ----------
-    board : Board
-        Board with a calibrated strip.
-    on_gesture : callable
-        ``on_gesture(gesture)`` is called with each gesture.
-    seconds : float or None
-        Time after which this function ends, in seconds of `Board.now_s`; no limit if None.
-    drawing : bool
-        Whether to show a live picture on a terminal.
-    mapping : Mapping
-        Keys of the gestures, for the picture.
-
-    Returns
-    -------
-    list of Gesture
-        All gestures, oldest first.
-
-    Raises
-    ------
-    SpotsError
-        If the board is lost, has no calibration, or sends readings too slowly.
+    `seconds` is by `Board.now_s`. With `drawing`, a live picture shows the keys of the gestures.
+    SpotsError if the board is lost, has no calibration, or sends readings too slowly.
     """
     info, found = hello_often(board, RELEASE_S), []
     length_um = info["length_um"]

@@ -26,22 +26,8 @@ def picture(
 ) -> Panel:
     """Return the picture of a strip and the last gestures on it.
 
-    Parameters
-    ----------
-    touch : Touch or None
-        Latest reading of the strip; None before the first reading.
-    length_um : int
-        Length of the strip, in um.
-    found : sequence of Gesture
-        All gestures since the start, oldest first.
-    does : mapping of str to str
-        Name of the key for each gesture that has a key.
-    stats : LinkStats
-        Statistics of the link, shown below the gestures.
-
-    Returns
-    -------
-    rich.panel.Panel
+    `touch` is None before the first reading; `found` begins with the oldest gesture. `does` has the
+    name of the key for each gesture that has a key.
     """
     table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
     for name in ("", "gesture", "sure", "where", "does"):
