@@ -16,9 +16,8 @@ import spots_linkage
 import spots_sim
 from spots.errors import SpotsError
 
-KINDS = {"tutorial", "how-to", "reference", "explanation", "evidence", "old"}
+KINDS = {"tutorial", "how-to", "reference", "explanation", "evidence"}
 PAGES = build_site.pages()
-FINISHED = [page for page, kind in PAGES.items() if kind != "old"]
 HOW_TO_MAX = 1000
 PARAGRAPH_MAX = 80
 CELL_MAX = 25
@@ -120,7 +119,7 @@ def test_a_broken_link_stops_the_build(tmp_path, monkeypatch):
 
 
 @pytest.mark.board
-@pytest.mark.parametrize("page", ["index.md", *FINISHED])
+@pytest.mark.parametrize("page", ["index.md", *PAGES])
 def test_the_site_shows_what_github_shows(page, built):
     # A list without a blank line before it, or with less than four spaces, is none in the site.
     shown = prose(build_site.source(page).read_text(encoding="utf-8"))
@@ -130,7 +129,7 @@ def test_the_site_shows_what_github_shows(page, built):
     assert all(counts[name] >= shown.counts[name] for name in counts)
 
 
-@pytest.mark.parametrize("page", FINISHED)
+@pytest.mark.parametrize("page", PAGES)
 def test_no_paragraph_and_no_cell_is_too_long(page):
     shown = prose(build_site.source(page).read_text(encoding="utf-8"))
     assert [one for one in shown.paragraphs if words(one) > PARAGRAPH_MAX] == []

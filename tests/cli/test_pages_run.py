@@ -37,7 +37,7 @@ BLOCK = re.compile(
 ENDLESS = re.compile(r"spots (serve|monitor|publish|subscribe|twin|demo --page)\b")
 # Of a page's own test.
 ELSEWHERE = {"build/first-press.md"}
-PAGES = [page for page, kind in build_site.pages().items() if kind not in ("old", "evidence")]
+PAGES = [page for page, kind in build_site.pages().items() if kind != "evidence"]
 
 
 def blocks(kind):
