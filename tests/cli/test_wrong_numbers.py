@@ -19,6 +19,8 @@ from spots.wearable import wearable
 from spots_linkage import mounted, twin_points
 from spots_sim.strip import files
 
+# A warning of NumPy would be a line beside the sentence.
+pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 OPTIONS = ["nan", "inf", "-inf", "1e999", "", "x", "9" * 400, "0x10", "1,200"]
 # As JSON and as TOML; `NaN` and `null` are wrong syntax in one of them.
 NUMBERS = [

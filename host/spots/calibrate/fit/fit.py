@@ -292,6 +292,8 @@ def _sigmas(rest: Curves, parts, test, noise: Noise, dimmer) -> tuple[np.ndarray
     variance = noise.log_variance(2.0 ** (rest.logs(places) + dimmer[:, None, None]))
     weights = np.array([_part_at(rest, parts, x)[0] for x in places])
     slopes = np.abs((rest.slopes(places) * weights).sum(axis=-1))
+    if not slopes.all():
+        raise _unsteady(places[np.argmin(slopes)])
     sigma_um = np.sqrt((variance * weights**2.0).sum(axis=-1)) / slopes
     sigma_misfit = np.sqrt(variance @ test**2.0) / ONE_Q13
     return sigma_um.max(axis=1), sigma_misfit.max(axis=1)
@@ -300,6 +302,13 @@ def _sigmas(rest: Curves, parts, test, noise: Noise, dimmer) -> tuple[np.ndarray
 def _places(curve: Curves, part) -> np.ndarray:
     reach = _OVERLAP * np.ptp(part)
     return np.linspace(*np.clip([part[0] - reach, part[1] + reach], *curve.ends_um), _KNOTS)
+
+
+def _unsteady(place_um: np.floating) -> CalibrationError:
+    return CalibrationError(
+        f"the colour near {place_um / 1000:.0f} mm does not change steadily along the strip: check "
+        "the positions of the presses there, and that the dye suits the strip's length"
+    )
 
 
 def _knots(
@@ -311,11 +320,7 @@ def _knots(
     offset = logs @ force * _Q13_TO_Q20 - firm
     order = np.argsort(contrast)
     if not (np.diff(x[order]) > 0).all() and not (np.diff(x[order]) < 0).all():
-        raise CalibrationError(
-            f"the colour near {np.mean(part) / 1000:.0f} mm does not change steadily along the "
-            "strip: check the positions of the presses there, and that the dye suits the strip's "
-            "length"
-        )
+        raise _unsteady(np.mean(part))
     sizes = cross.sizes(curve, x, position, test) if cross else ()
     rows = np.stack([contrast, x, fits, offset, *sizes], axis=1)[order]
     return [_statement("x", row) for row in rows]

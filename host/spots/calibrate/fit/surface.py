@@ -150,7 +150,8 @@ class Surface:
     def __post_init__(self, start: Surface | None):
         sizes, known = self.sizes, self.taken.force_mN[self.taken.force_mN > 0]
         self._forces_known = len(known) > 0
-        self.least_mN = float(known.min()) if len(known) else _LEAST_RELATIVE_MN
+        # Not above a firm press, so that the range is not empty.
+        self.least_mN = float(known.min(initial=FIRM_MN)) if len(known) else _LEAST_RELATIVE_MN
         self.most_mN = max(FULL_MN, float(known.max(initial=0.0)))
         self._dark_mN = sizes.dark_share * self.least_mN if len(known) else 0.0
         self._low, self._high = np.log(
