@@ -15,10 +15,9 @@ from spots_device.reading import decode
 from spots_device.sensor.smux import CHANNELS
 
 from ..errors import printable
-from ..link.frames import DOUBTFUL, Text, force_known, log2_unknown
+from ..link.frames import DOUBTFUL, force_known, log2_unknown
 from .arrays import Arrays, RecordingBlocks
 from .header import Header
-from .recording import Mark
 
 
 class Table(NamedTuple):
@@ -37,6 +36,32 @@ class Table(NamedTuple):
 
     name: str
     dtype: np.dtype
+
+
+class Column(NamedTuple):
+    """Values of a column.
+
+    Attributes
+    ----------
+    values : numpy.ndarray, shape (n,)
+        The values; where they are unknown, any number.
+    known : numpy.ndarray, shape (n,), bool, optional
+        Whether each value is known; None if all are.
+    """
+
+    values: np.ndarray
+    known: np.ndarray | None = None
+
+    def cells(self) -> list[Any]:
+        """Return the values as a list, with None for an unknown value."""
+        cells = self.values.tolist()
+        if self.known is None:
+            return cells
+        return [one if known else None for one, known in zip(cells, self.known.tolist())]
+
+    def array(self) -> np.ndarray:
+        """Return the values as an array, with NaN for an unknown value."""
+        return self.values if self.known is None else np.where(self.known, self.values, np.nan)
 
 
 _FIRST = {"time_s": "f8", "arrived_s": "f8", "sensor": "u1", "sequence": "u2", "t_us": "u4"}
@@ -142,54 +167,77 @@ def rows(recording: RecordingBlocks, channels: Sequence[str]) -> Iterator[Row]:
         Table, and a tuple with a value for each column; an unknown value is None.
     """
     begun_s = recording.header.host_s
-    *kinds, texts, marks = tables(channels)
+    every = tables(channels)
     for block in shown(recording):
-        found = [_array_rows(*pair, begun_s) for pair in zip(kinds, block.tables)]
-        found.append(_text_rows(texts, block.texts, begun_s))
-        found.append(_mark_rows(marks, block.marks, begun_s))
+        found = [_rows(table, columns(table, block, begun_s)) for table in every]
         yield from heapq.merge(*found, key=lambda row: row[1][1])
 
 
-def _array_rows(table: Table, array: np.ndarray, begun_s: float) -> Iterator[Row]:
-    arrived_s = [round(one - begun_s, 9) for one in array["arrived_s"].tolist()]
-    times_s = zip(array["time_s"].tolist(), arrived_s)
-    columns = {name: array[name].tolist() for name in array.dtype.names}
-    columns["arrived_s"] = arrived_s
-    columns["time_s"] = [late if one != one else round(one - begun_s, 9) for one, late in times_s]
+def _rows(table: Table, found: dict[str, Column]) -> Iterator[Row]:
+    cells = {name: found[name].cells() for name in table.dtype.names}
+    if table.name == "text":
+        cells["content"] = [json.dumps(one, ensure_ascii=False) for one in cells["content"]]
+    return zip(repeat(table), zip(*cells.values()))
+
+
+def columns(table: Table, block: Arrays, begun_s: float) -> dict[str, Column]:
+    """Return the columns of a table for a block of a recording.
+
+    Parameters
+    ----------
+    table : Table
+        The table.
+    block : Arrays
+        The block.
+    begun_s : float
+        Time on the host's monotonic clock at which the recording began, in s.
+
+    Returns
+    -------
+    dict of str to Column
+        The columns of the table, in its order. The column ``content`` has dicts.
+    """
+    of = _of_texts if table.name in ("text", "mark") else _of_readings
+    found = of(table, block)
+    for name in ("time_s", "arrived_s"):
+        since_s = [round(one - begun_s, 9) for one in found[name].values.tolist()]
+        found[name] = Column(np.array(since_s, float))
+    return {name: found[name] for name in table.dtype.names}
+
+
+def _of_texts(table: Table, block: Arrays) -> dict[str, Column]:
+    frames: Sequence[tuple[float, tuple[Any, ...]]] = block.texts
+    if table.name == "mark":
+        frames = [(at_s, (0, 0, 0, text)) for at_s, text in block.marks]  # no strip, and no frame
+    at_s = Column(np.array([at_s for at_s, _ in frames], float))
+    found = {"time_s": at_s, "arrived_s": at_s}
+    for i, name in enumerate(table.dtype.names[len(found) :]):
+        dtype = object if table.dtype[name].kind == "U" else table.dtype[name]
+        found[name] = Column(np.array([frame[i] for _, frame in frames], dtype))
+    return found
+
+
+def _of_readings(table: Table, block: Arrays) -> dict[str, Column]:
+    array = block.tables[list(VALUES).index(table.name)]
+    found = {name: Column(array[name]) for name in array.dtype.names}
+    time_s, arrived_s = array["time_s"], array["arrived_s"]
+    found["time_s"] = Column(np.where(np.isnan(time_s), arrived_s, time_s))
     if table.name == "touch":
         flags = array["flags"]
         touching = flags & decode.TOUCHING != 0
-        columns["touching"] = touching.tolist()
-        columns["trusted"] = (touching & (flags & DOUBTFUL == 0)).tolist()
-        columns["position_um"] = _known(array["position_um"], array["known"])
-        columns["force_mN"] = _known(array["force_mN"], force_known(flags))
+        found["touching"] = Column(touching)
+        found["trusted"] = Column(touching & (flags & DOUBTFUL == 0))
+        found["position_um"] = Column(array["position_um"], array["known"])
+        found["force_mN"] = Column(array["force_mN"], force_known(flags))
         for name in ("contrast", "brightness"):
             values = array[f"{name}_q20"]
-            columns[f"{name}_log2"] = _known(values / (1 << 20), ~log2_unknown(values, flags))
+            found[f"{name}_log2"] = Column(values / (1 << 20), ~log2_unknown(values, flags))
     elif table.name == "contact":
-        columns["force_mN"] = _known(array["force_mN"], array["known"])
+        found["force_mN"] = Column(array["force_mN"], array["known"])
     elif table.name == "spectrum":
-        columns["gain_code"] = columns["gain"]
-        counts = array["counts"].T.tolist()
-        columns |= dict(zip(table.dtype.names[-CHANNELS:], counts))
-    return zip(repeat(table), zip(*(columns[name] for name in table.dtype.names)))
-
-
-def _known(values: np.ndarray, known: np.ndarray) -> list[Any]:
-    return [one if is_known else None for one, is_known in zip(values.tolist(), known.tolist())]
-
-
-def _text_rows(table: Table, texts: list[tuple[float, Text]], begun_s: float) -> Iterator[Row]:
-    for at_s, text in texts:
-        arrived_s = round(at_s - begun_s, 9)
-        content = json.dumps(text.content, ensure_ascii=False)
-        yield table, (arrived_s, arrived_s, text.sensor, text.sequence, text.t_us, content)
-
-
-def _mark_rows(table: Table, marks: list[Mark], begun_s: float) -> Iterator[Row]:
-    for one in marks:
-        at_s = round(one.time_s - begun_s, 9)
-        yield table, (at_s, at_s, 0, 0, 0, one.text)  # no strip, and no frame
+        found["gain_code"] = found["gain"]
+        found |= zip(table.dtype.names[-CHANNELS:], map(Column, array["counts"].T))
+    return found
 
 
 def shown(recording: RecordingBlocks) -> Iterator[Arrays]:
