@@ -3,8 +3,8 @@
 With ``--out`` it also writes moulds, drawings and instructions for the strip, see shape.py.
 
 The predicted resolution is the Cramer-Rao bound of `bound.Bound`, for a press with the force
-`measurements.FORCE_MN`. Gain and LED current are those that the command ``auto`` would set. All
-values except length and dye are those of the default sensor.
+`measurements.FORCE_MN`. Gain and LED current are those that the command ``autoexpose`` would set.
+All values except length and dye are those of the default sensor.
 """
 
 from __future__ import annotations
@@ -70,9 +70,9 @@ _FASTEST_HZ = 1e6 / MIN_US
 class Design:
     """A strip, the settings to read it with, and its expected resolution.
 
-    `gain` (register code) and `led_mA` are what the command ``auto`` will set. `average` is the
-    number of samples in a reading. `sigma_um` is the resolution expected at each of the positions
-    `x_um`, shape (n,).
+    `gain` (register code) and `led_mA` are what the command ``autoexpose`` will set. `average` is
+    the number of samples in a reading. `sigma_um` is the resolution expected at each of the
+    positions `x_um`, shape (n,).
     """
 
     sensor: SensorFile
@@ -161,7 +161,7 @@ def _predicted(sensor: SensorFile, exposure_us: int, average: int) -> Design | N
 
 
 def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | None:
-    """Return the setting that the command ``auto`` would find for a sensor at a fixed exposure.
+    """Return the setting that ``autoexpose`` would find for a sensor at a fixed exposure.
 
     The setting is gain code, exposure in us and LED current in mA; None if the light is too weak or
     too strong at every setting.
@@ -284,7 +284,7 @@ def _text(found: Design) -> str:
         "length": f"{summary['length_mm']:g} mm",
         "dye": f"{summary['dye_per_mm']:g} per mm",
         "reading": f"{found.average} x {found.exposure_us / 1000:g} ms, {summary['rate_hz']:g} Hz",
-        "setting": f"gain {found.gain}, {found.led_mA} mA, as 'auto' finds them",
+        "setting": f"gain {found.gain}, {found.led_mA} mA, as 'autoexpose' finds them",
         "resolution": f"{found.resolution_um:.3g} um, the mean from 5 to 95 % of the length",
         "": ", ".join(
             f"{end['resolution_um']:.3g} um at {end['position_mm']:g} mm" for end in ends

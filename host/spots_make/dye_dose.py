@@ -152,7 +152,7 @@ def read_pieces(
     for piece in ("clear", "dyed"):
         ask(f"put the {piece} test piece between the caps, then press Enter: ")
         if piece == "clear":
-            reader.board.command("auto", timeout_s=_AUTO_TIMEOUT_S)
+            reader.board.command("autoexpose", timeout_s=_AUTO_TIMEOUT_S)
             if reader.info.get("led") == "always":
                 dark()
             reader.set_up()

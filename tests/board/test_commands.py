@@ -320,10 +320,10 @@ def test_damaged_files_on_the_board_give_the_defaults(rig, tmp_path):
 
 def test_a_request_that_is_interrupted_is_answered(rig):
     made = rig()
-    made.board._link.write(b"auto\nset gain=5\n")
+    made.board._link.write(b"autoexpose\nset gain=5\n")
     made.settle(0.1)
     replies = [reply.content for reply in made.board._channel.replies]
-    assert [reply["re"] for reply in replies] == ["auto", "set"]
+    assert [reply["re"] for reply in replies] == ["autoexpose", "set"]
     assert "before the command ended" in replies[0]["error"]
 
 

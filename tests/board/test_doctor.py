@@ -155,7 +155,7 @@ def test_a_light_too_dim_to_use_is_no_pass_and_names_what_to_do():
         stage.press(NEAR_UM, 8_000)
         verdict = light_of(stage)[-1]
     assert not verdict.ok
-    assert "spots command auto" in verdict.text
+    assert "spots command autoexpose" in verdict.text
 
 
 @pytest.mark.board

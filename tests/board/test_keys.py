@@ -157,7 +157,7 @@ def end_with_no_calibration(made):
 
 
 def end_with_auto(made):
-    made.board.command("auto")
+    made.board.command("autoexpose")
 
 
 def end_with_the_sensor(made):

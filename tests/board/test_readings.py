@@ -103,17 +103,17 @@ def test_steady_light_from_outside_is_subtracted(rig, calibration):
     assert np.mean([r.position_um for r in readings]) == pytest.approx(42_500, abs=150)
 
 
-def test_rest_that_is_asked_for_in_a_dark_window_is_taken_in_full_light(rig, calibration):
+def test_a_tare_during_a_dark_sample_waits_for_the_light(rig, calibration):
     made = rig(calibration=calibration)
     made.held.pose = lambda time_s: Pose(leak_share=0.2, leak_mm=30.0)
     made.board.command("set exposure_us=2780")
     made.settle(2.0)
-    made.board._link.write(b"dark\nrest\n")
+    made.board._link.write(b"dark\ntare\n")
     made.settle(2.0)
-    in_the_window = made.board.command("get")["rest"]
-    made.board.command("rest")
+    in_the_window = made.board.command("get")["baseline"]
+    made.board.command("tare")
     made.settle(0.5)
-    assert in_the_window == pytest.approx(made.board.command("get")["rest"], rel=0.1)
+    assert in_the_window == pytest.approx(made.board.command("get")["baseline"], rel=0.1)
     assert min(in_the_window) > 50 * decode.DARK_SAMPLES
 
 
@@ -233,7 +233,7 @@ def test_the_led_can_be_off(rig, calibration):
 def test_auto_fills_the_converter_to_60_to_90_percent(rig, sensor, irradiance):
     made = rig(sensor=replaced(sensor, led={"irradiance_uW_cm2_per_mA": irradiance}))
     made.press(2.0, 10_000.0)
-    made.board.command("auto", timeout_s=20)
+    made.board.command("autoexpose", timeout_s=20)
     full_scale = made.board.command("get")["full_scale"]
     peak = max(np.mean([frame.counts for frame in made.spectra(20)], axis=0))
     assert 0.58 < peak / full_scale < 0.92
@@ -243,7 +243,7 @@ def test_auto_without_light_changes_nothing_and_says_why(rig):
     made = rig()
     before = made.board.command("get")
     with refusal(BoardError, why="too_dark"):
-        made.board.command("auto", timeout_s=60)
+        made.board.command("autoexpose", timeout_s=60)
     after = made.board.command("get")
     for name in ("gain", "led_mA", "exposure_us"):
         assert after[name] == before[name]

@@ -57,7 +57,7 @@ def test_the_breakouts_own_led_stays_off(rig, kind, board):
     made.link.chip._collect = lambda *a, **k: driven.append(made.link.chip._led_mA()) or collect(*a)
     made.press(3.0, 6_000)
     assert made.board.command("hello")["led_mA"] == 0
-    made.board.command("auto", timeout_s=60)
+    made.board.command("autoexpose", timeout_s=60)
     made.board.command("set led_mA=50 gain=5")
     made.spectra(30)
     assert set(driven) == {0.0}
@@ -92,7 +92,7 @@ def test_a_pin_switches_the_led_off_for_dark_frames_and_when_another_kind_is_set
 def test_auto_moves_gain_and_exposure_alone(rig, kind, board):
     made = lit(rig, kind, board=board)
     made.press(2.0, 8_000)
-    found = made.board.command("auto", timeout_s=120)
+    found = made.board.command("autoexpose", timeout_s=120)
     assert found["led_mA"] == 0
     assert found["led"] == kind
     if kind == "always":

@@ -12,7 +12,7 @@ from spots import SpotsError
 from spots.calibrate import calibration_file as file
 from spots.calibrate.fit import fit as fitting
 from spots.calibrate.fit.presses import Presses
-from spots.calibrate.session import rest, steps
+from spots.calibrate.session import baseline, steps
 from spots.calibrate.session.bench import Bench
 from spots.calibrate.session.guide import Guide
 from spots.calibrate.session.presser import Presser
@@ -108,7 +108,7 @@ def test_dust_is_subtracted_and_located(sensor, tmp_path, kind, percent, place_m
         said = by_stage(stage, path) if kind == "stage" else by_hand(stage, path, kind)
         off_um, missing = errors_um(stage, path)
     lines = file.load(path.with_suffix(".toml")).lines
-    light = Calibration(lines).rest
+    light = Calibration(lines).baseline
     assert max(light) > 64
     where = float(said.rpartition("light at ")[2].split(" mm without a press: dust, or")[0])
     assert where == pytest.approx(place_mm, abs=4.0)
@@ -129,8 +129,8 @@ def test_a_rezero_measures_new_dust(sensor, tmp_path):
         new = rezero(bench, made)
         file.save(new, path.with_suffix(".toml"), made)
         off_um, missing = errors_um(stage, path)
-    assert not Calibration(made.lines).rest
-    assert max(Calibration(new.lines).rest) > 300
+    assert not Calibration(made.lines).baseline
+    assert max(Calibration(new.lines).baseline) > 300
     assert new.original == made.lines
     assert missing == 0
     assert np.abs(off_um).mean() < 110
@@ -178,10 +178,10 @@ def test_the_place_is_found_between_presses():
     logs = np.array([[10.0, 10.0, 11.0], [8.0, 9.0, 10.8], [6.0, 8.0, 10.6]])
     firm = Presses(places, np.full(3, 6000.0), 2**logs, logs, np.zeros(3, bool))
     light = 0.01 * 2 ** (logs[0] + (logs[1] - logs[0]) / 2)
-    assert rest._found(light, firm) == pytest.approx((20_000.0, 0.01), rel=0.01)
+    assert baseline._found(light, firm) == pytest.approx((20_000.0, 0.01), rel=0.01)
 
 
 def test_the_line_is_replaced_and_omitted_without_light():
-    assert rest.line([1.0, 0.5, 0, 0, 0, 0]) == [f"rest {DARK_SAMPLES} 32 0 0 0 0"]
-    assert rest.line([0.0] * 6) == rest.line(()) == []
-    assert rest.replaced(["made 9", "rest 1 2 3 4 5 6"], ()) == ["made 9"]
+    assert baseline.line([1.0, 0.5, 0, 0, 0, 0]) == [f"rest {DARK_SAMPLES} 32 0 0 0 0"]
+    assert baseline.line([0.0] * 6) == baseline.line(()) == []
+    assert baseline.replaced(["made 9", "rest 1 2 3 4 5 6"], ()) == ["made 9"]

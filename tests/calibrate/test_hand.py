@@ -140,7 +140,7 @@ def test_a_rough_session_requests_the_press_of_the_exposure_again_if_it_ended(
 
         def lifts(line, **options):
             reply = command(line, **options)
-            if line == "auto":
+            if line == "autoexpose":
                 room.move([])
             return reply
 

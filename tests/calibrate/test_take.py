@@ -153,4 +153,4 @@ def test_contact_that_sticks_is_not_taken_for_the_next_press(sensor, kind, perce
         bench.release()
         bench.part()
         stage.reader.set_up(dark_s=2.0, untouched=True)
-        assert not stage.reader.rest.any()
+        assert not stage.reader.baseline.any()

@@ -338,10 +338,10 @@ def until(board, state):
 def test_readings_that_a_program_does_not_take_are_counted_and_flagged(monkeypatch):
     monkeypatch.setattr(readers, "FRAMES_MAX", 100)
     link, board = streaming()
-    link.deaf = {"auto"}
+    link.deaf = {"autoexpose"}
     readings = board.touches()
     with pytest.raises(NoReplyError):
-        board.command("auto", 3.0)
+        board.command("autoexpose", 3.0)
     assert board.stats.overrun == pytest.approx(200, abs=3)
     first, *others = [touch for touch, _ in zip(readings, range(100))]
     assert first.flags & DROPPED

@@ -170,7 +170,7 @@ def test_a_search_without_memory_leaves_room_for_the_next_one(monkeypatch):
     board = Board()
     with monkeypatch.context() as patch:
         patch.setattr(Search, "__init__", full)
-        assert "no memory is left" in board.command("auto")["error"]
+        assert "no memory is left" in board.command("autoexpose")["error"]
     assert board.command("dark") is None  # the reply comes after the dark frame
     while not board.replies:
         board.app.step()
@@ -292,7 +292,7 @@ def test_the_longest_reply_fits_a_frame():
 def test_the_longest_reply_to_get_fits_a_frame():
     app = with_longest_settings(Board().app)
     reply = app.state()
-    reply["dark"] = reply["rest"] = [DARK_SAMPLES * 65_535] * 6
+    reply["dark"] = reply["baseline"] = [DARK_SAMPLES * 65_535] * 6
     for name in ("missed", "retries", "dropped", "dropped_reports", "faults"):
         reply[name] = 1 << 30
     reply["fault"] = "the AS7341 has lost its settings; check its supply and wiring"

@@ -46,8 +46,8 @@ def test_between_two_strains_everything_goes_in_straight_lines():
 
 
 def test_the_light_without_a_press_is_optional():
-    assert Calibration(GOOD).rest == ()
-    assert Calibration([*GOOD, "rest 640 0 1 2 3 4194240"]).rest == (640, 0, 1, 2, 3, 4_194_240)
+    assert Calibration(GOOD).baseline == ()
+    assert Calibration([*GOOD, "rest 640 0 1 2 3 4194240"]).baseline == (640, 0, 1, 2, 3, 4_194_240)
 
 
 @pytest.mark.parametrize("strain_ppm", [-1, 100_001])

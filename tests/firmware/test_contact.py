@@ -188,9 +188,9 @@ def test_a_finger_nine_millimetres_from_the_one_that_lifts_is_another_key():
 def test_what_rests_for_long_is_no_finger():
     desk = Desk(*THREE, "stuck_ms 2000")
     desk.press(10, 1900)
-    assert (desk.rests, desk.events) == (0, [(A, True)])
+    assert (desk.objects, desk.events) == (0, [(A, True)])
     desk.press(10, 200)
-    assert (desk.rests, desk.events) == (1, clicks(A))
+    assert (desk.objects, desk.events) == (1, clicks(A))
     assert not desk.pad.contact.touched
     desk.press(10, 1000)
     assert desk.events == clicks(A)
@@ -205,13 +205,13 @@ def test_a_finger_that_moves_or_changes_its_force_does_not_rest():
         desk.press(10 + 4 * (i % 2), 100)
     for i in range(20):
         desk.press(10, 100, force_mN=1000 + 600 * (i % 2))
-    assert (desk.rests, desk.events) == (0, [(A, True)])
+    assert (desk.objects, desk.events) == (0, [(A, True)])
 
 
 def test_without_a_limit_a_finger_may_rest():
     desk = Desk(*THREE, "stuck_ms 0")
     desk.press(10, 100_000)
-    assert (desk.rests, desk.events) == (0, [(A, True)])
+    assert (desk.objects, desk.events) == (0, [(A, True)])
 
 
 def blend(first, second):

@@ -20,11 +20,11 @@ class Windows:
 
     Parameters
     ----------
-    rest : sequence of float
+    baseline : sequence of float
         Baseline of the calibration, in counts.
     """
 
-    def __init__(self, rest=()):
+    def __init__(self, baseline=()):
         self.state = Decode().state
         self.state[d.SAMPLES], self.state[d.IDLE_US] = 1, d.IDLE_US_MAX
         self.state[d.FLAGS] = 0
@@ -32,11 +32,11 @@ class Windows:
         self.dark.schedule(10_000, 0)
         self.baseline = Baseline(self.dark)
         self.baseline.rescale(1)
-        self.start([round(DARK_SAMPLES * one) for one in rest], 1.0)
+        self.start([round(DARK_SAMPLES * one) for one in baseline], 1.0)
         self.rng = random.Random(1)
 
-    def start(self, rest, ratio):
-        made = SimpleNamespace(rest=rest, conditions=SimpleNamespace(exposure_us=10_000))
+    def start(self, baseline, ratio):
+        made = SimpleNamespace(baseline=baseline, conditions=SimpleNamespace(exposure_us=10_000))
         self.baseline.start(made, round(10_000 * ratio))
 
     def sample(self, light, ambient):

@@ -11,7 +11,7 @@ from spots.calibrate.fit.decoded import Decoded
 from spots_device.fingers import locate as locate_module
 from spots_device.fingers import state as contact_state
 from spots_device.fingers.locate import locate, power
-from spots_device.fingers.second import may_rest, weigh
+from spots_device.fingers.second import may_be_still, weigh
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.decode import DARK_SUBTRACTED, MISFIT
 from spots_sim.strip.optics import Optics
@@ -142,7 +142,7 @@ def test_readings_of_one_light_give_no_second_finger(feel):
 def test_a_light_that_no_second_finger_leaves_shows_that_the_first_one_lifts(feel, share):
     x1_um, b1, _ = feel((30.0, FIRM))
     reading = feel((30.0, share * FIRM), (60.0, 0.3 * FIRM))[:2]
-    assert may_rest(two_readings(x1_um, b1, reading, reading)) == (share == 1)
+    assert may_be_still(two_readings(x1_um, b1, reading, reading)) == (share == 1)
 
 
 def test_a_finger_that_presses_harder_is_no_second_one(feel):
@@ -173,4 +173,4 @@ def test_no_dye_exceeds_the_integers_of_a_board(x_mm, decay):
                 again = (600 * x_mm, bright + 1 << 20)
                 some = two_readings(0, 6 << 20, reading[:2], again, decay, length_um)
                 weigh(some)
-                may_rest(some)
+                may_be_still(some)

@@ -244,7 +244,7 @@ def test_what_rests_on_the_strip_becomes_its_untouched_state(board, tmp_path):
     computer = Computer()
     type_on(board, load(path), computer, HELD_S + 4 - board.now_s())
     assert computer.typed.text == "a"
-    assert sum(board.command("get")["rest"]) > 0
+    assert sum(board.command("get")["baseline"]) > 0
     board.command("stream touch")
     later = [frame for frame in board.frames(1.0) if isinstance(frame, Touch)]
     assert not any(frame.touching for frame in later[10:])
@@ -258,7 +258,7 @@ def test_resting_is_followed_on_the_board_too(board, tmp_path):
     push(board, load(path))
     for _ in board.frames(HELD_S + 4 - board.now_s()):
         pass
-    assert sum(board.command("get")["rest"]) > 0
+    assert sum(board.command("get")["baseline"]) > 0
 
 
 def test_the_setting_of_earlier_firmware_is_answered(board):

@@ -427,9 +427,9 @@ def test_a_second_thread_gets_all_readings_while_the_first_one_sends_commands(st
     thread.start()
     for _ in range(100):
         assert board.command("hello")["id"] is None
-    link.deaf = {"auto"}
-    with pytest.raises(SpotsError, match=r"no reply to 'auto' within 5 s .*: wait for 120 s"):
-        board.command("auto", 5.0)
+    link.deaf = {"autoexpose"}
+    with pytest.raises(SpotsError, match=r"no reply to 'autoexpose' within 5 s .*: wait for 120 s"):
+        board.command("autoexpose", 5.0)
     assert enough.wait(GIVE_UP_S)
     board.close()
     thread.join(GIVE_UP_S)

@@ -132,7 +132,7 @@ def test_noise_without_a_delimiter_takes_no_memory_and_ends_at_the_next_one():
     decoder = Decoder()
     for _ in range(1000):
         assert decoder.feed(b"\x55" * 1000) == []
-    assert len(decoder._rest) <= 1000
+    assert len(decoder._partial) <= 1000
     frames = decoder.feed(b"\x55\0" + touch(1))
     assert [frame.sequence for frame in frames] == [1]
     assert decoder.stats.bad_crc == 1

@@ -18,7 +18,7 @@ GOOD = {
     "hello": {"protocol": PROTOCOL, "id": "a1", "exposure_us": 10000},
     "get": {"dark": [0] * 6, "full_scale": 1000, "fault": None},
     "set": {"exposure_us": 10000, "average": 1},
-    "auto": {"gain": 9, "led_mA": 20, "exposure_us": 10000},
+    "autoexpose": {"gain": 9, "led_mA": 20, "exposure_us": 10000},
     "dark": {"dark": [0] * 6},
     "sync": {"t_us": 2**32 - 1},
     "stream": {"stream": ["touch"]},

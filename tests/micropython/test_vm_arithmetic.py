@@ -266,8 +266,8 @@ def a_sticking_strip(rng):
         state[decode.STICK + i] = stick
         state[decode.STUCK] += stick >> 4
         state[decode.DARK + i] = rng.choice((0, rng.randint(0, 4 << 12), FULL << 12))
-        state[decode.REST + i] = rng.choice((0, 0, rng.randint(0, 40 << 12)))
-        light = (state[decode.DARK + i] + state[decode.REST + i] + stick >> 12) * samples
+        state[decode.BASELINE + i] = rng.choice((0, 0, rng.randint(0, 40 << 12)))
+        light = (state[decode.DARK + i] + state[decode.BASELINE + i] + stick >> 12) * samples
         light += rng.choice((0, rng.randint(-9, 9), rng.randint(-brightest, brightest))) * samples
         state[decode.SUMS + i] = min(max(light, 0), samples * FULL)
     state[decode.LIGHT] = sum(state[decode.SUMS : decode.SUMS + CHANNELS])
@@ -351,7 +351,7 @@ def test_a_finger_that_rests(compare, rng):
         flags = near(rng.choice((1, 9, 21, 29, 33)), rng.choice((0, 3, 5, 17, 65, 129, 255)))
         cases.append([flags, *s])
     for some in (cases[::2], cases[1::2]):  # the heap has no room for the results of all cases
-        compare("rest", some, width=1 + contact_state.SIZE)
+        compare("still", some, width=1 + contact_state.SIZE)
 
 
 def a_finger(rng):

@@ -7,7 +7,10 @@ import pytest
 
 pytestmark = pytest.mark.board
 
-CHANGES = {"1": ["settings", "auto", "new_layout", "calibrate"], "2": ["everything", "removal"]}
+CHANGES = {
+    "1": ["settings", "autoexpose", "new_layout", "calibrate"],
+    "2": ["everything", "removal"],
+}
 
 
 def test_a_cut_in_any_operation_of_the_flash_leaves_the_old_or_the_new(unix64):

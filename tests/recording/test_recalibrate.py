@@ -67,9 +67,9 @@ KINDS = {
             "set exposure_us=10000 dark_every=40",
             "dark",
             "set dark_every=0 mains_hz=50",
-            "rest",
+            "tare",
             "set led_mA=12",
-            "auto",
+            "autoexpose",
             "set led_mA=20 gain=9 exposure_us=2780",
         ]
     },

@@ -45,7 +45,7 @@ class Desk:
         self._events = []
         self.modifiers = []
         self.usages = []
-        self.rests = 0
+        self.objects = 0
         self.now_ms = (TICKS * 1024 // 1000) - 300  # the ticks wrap after 300 ms
         self.pad = Keypad(self, Merger())
         self.pad.set_layout(parse(lines), number(length_um), number(decay))
@@ -68,7 +68,7 @@ class Desk:
         return True
 
     def stuck(self):
-        self.rests += 1
+        self.objects += 1
 
     def read(self, flags, x_um=0, force_mN=0):
         """Give the keypad a reading with position in um and force in mN; advance the time."""

@@ -137,7 +137,7 @@ def test_a_measure_near_its_limit_is_less_sure(arm):
 def test_what_rests_for_long_is_no_gesture(arm):
     arm.go(30, 30, 1.3)
     arm.go(30, 30, 20)
-    assert (arm.names, arm.gestures.rests) == ([g.HOLD], 1)
+    assert (arm.names, arm.gestures.objects) == ([g.HOLD], 1)
     arm.go(30, 30, 5)
     arm.lift()
     assert arm.names == [g.HOLD]

@@ -218,10 +218,10 @@ class Commands:
       set NAME=VALUE ...  exposure_us, gain, led_mA, average, plan, strain_ppm,
                           dark_every, mains_hz, keys, gamepad, watchdog, led
       set keys=1          touches press keys; with 'set gamepad=1', they move a gamepad
-      auto                find gain and LED current while you press firmly
+      autoexpose          find gain and LED current while you press firmly
       dark                take a dark frame; if led=always, unplug the LED, then send
                           'dark off'
-      rest                take the present light as the baseline
+      tare                take the present light as the baseline
       stream KIND ...     select the frames of each sample: touch, spectrum, contact, off
       layout, cal         upload a layout or a calibration, line by line; 'cal lines N'
                           returns the stored lines from line N on
@@ -331,18 +331,18 @@ class Commands:
             app.apply_calibration()  # without a dark frame, the calibration was not used
         self._replies.finish("dark", {"dark": app.strip.dark_frame()})
 
-    def _rest(self, words):
-        self._app.strip.request_rest()
+    def _tare(self, words):
+        self._app.strip.request_tare()
         return {}
 
-    def _auto(self, words):
+    def _autoexpose(self, words):
         self._replies.check_unclaimed()
         self._app.release_keys()
-        self._app.strip.request_search(self._auto_done)
-        self._replies.claim("auto")
+        self._app.strip.request_search(self._search_done)
+        self._replies.claim("autoexpose")
         return None
 
-    def _auto_done(self, outcome):
+    def _search_done(self, outcome):
         app = self._app
         note = app.apply_calibration()
         error = "too bright at the least gain and LED current; shade the sensor"
@@ -352,7 +352,7 @@ class Commands:
         elif outcome == TOO_DARK:
             reply["error"] = "too dark at full gain and LED current; press harder, check the LED"
             reply["why"] = "too_dark"
-        self._replies.finish("auto", reply)
+        self._replies.finish("autoexpose", reply)
 
     def _save(self, words):
         try:
@@ -383,8 +383,8 @@ class Commands:
         "set": _set,
         "stream": _stream,
         "dark": _dark,
-        "rest": _rest,
-        "auto": _auto,
+        "tare": _tare,
+        "autoexpose": _autoexpose,
         "cal": _upload,
         "layout": _upload,
         "save": _save,

@@ -67,7 +67,7 @@ class Outputs:
         Whether CONTACT frames are streamed.
     two : bool
         Whether two fingers may have caused the last reading.
-    rests : bool
+    is_object : bool
         Whether the touch has not moved for the layout's ``stuck_ms``: it is then treated as an
         object, not as a finger.
     interfaces : tuple
@@ -82,7 +82,7 @@ class Outputs:
         self._time = time
         self._usb = usb
         self._sensor = 0
-        self.rests = self.two = self.streams_contacts = False
+        self.is_object = self.two = self.streams_contacts = False
         self.fault = None
         self._memory_fault = None
         self._keypad = self._layout = None
@@ -215,7 +215,7 @@ class Outputs:
             The reading, as in `decode.Decode.state`.
         """
         self._sensor = sensor
-        self.rests = self.two = False
+        self.is_object = self.two = False
         if self._tracker is not None:
             self._track(state)
             if self._fingers is not None:
@@ -317,7 +317,7 @@ class Outputs:
 
     def stuck(self):
         """Record that the present touch is no finger, because it has not moved for long."""
-        self.rests = True
+        self.is_object = True
 
     def pump(self):
         """Process the key events of the last reading, and send reports.
@@ -416,7 +416,7 @@ class Outputs:
     def _activate(self):
         self.active = self._tracker is not None or self._gamepad_on
         self.pumps = self._keys_on or bool(self.interfaces)
-        self.rests = self.two = False
+        self.is_object = self.two = False
 
     def _get_layout(self):
         if self._layout is None:

@@ -8,7 +8,7 @@ Integers only; allocates nothing.
 from .. import const
 from . import state as c
 from .locate import estimate, noise
-from .second import may_rest, weigh
+from .second import may_be_still, weigh
 
 _REMAINS_UM = const(2000)  # largest distance to the second finger at the end of a lift
 _AGREE_UM = const(600)
@@ -38,7 +38,7 @@ def guess(s):
         agrees = s[c.RISES] and s[c.PAIR] and _guess_both(s)
     elif not estimate(s, s[c.X_UM], s[c.B], s[c.FITS]):
         s[c.GUESSED] = False
-        if not may_rest(s):
+        if not may_be_still(s):
             s[c.IS_EVEN] = False
             s[c.FALLS] = True
             s[c.FELL] = s[c.T_NOW]

@@ -142,11 +142,11 @@ def light(s: ptr32, away_um: int, is_now: int) -> int:
     at = is_now * (c.X_NOW_UM - c.LATE)
     while at <= c.X_NOW_UM - c.LATE:
         share = ((((late[at] ^ sign) - sign) - ((s[c.X_UM] ^ sign) - sign)) << 10) // away_um
-        rest = 1024 - share
-        lost = (((share * rest >> 12) * bend) >> 8) * 69
+        remainder = 1024 - share
+        lost = (((share * remainder >> 12) * bend) >> 8) * 69
         if lost > 1 << 20:
             lost = 1 << 20
         lost += (late[at + 1] ^ sign) - sign
-        found = (int(two_to(lost)) & -64) // ((1024 + far * share // rest) >> 4) - found
+        found = (int(two_to(lost)) & -64) // ((1024 + far * share // remainder) >> 4) - found
         at += c.X_NOW_UM - c.LATE
     return found

@@ -93,11 +93,11 @@ def _compare(s):
     steady = off_um < c.REST_UM or off_um < noise(s[c.NOISE_PRODUCT], min(b, b_last)) * 7 >> 1
     if b > b_last + c.RISEN:
         s[c.B_BOTH] = 0
-    elif s[c.RESTED] and not steady:
+    elif s[c.WAS_STILL] and not steady:
         s[c.X_BOTH_UM] = x_last_um
         s[c.B_BOTH] = b_last
         s[c.FIT_BOTH] = s[c.FIT_SEEN]
-    s[c.RESTED] = steady
+    s[c.WAS_STILL] = steady
     s[c.FIT_SEEN] = s[c.FITS]
     if s[c.FITS] and steady and s[c.SEEN] >= 0:
         s[c.SEEN] = min(s[c.SEEN] + 1, c.SEEN_MAX)

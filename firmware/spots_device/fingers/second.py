@@ -31,7 +31,7 @@ def _far_um(s):
     return end_um - s[c.X_UM]
 
 
-def may_rest(s):
+def may_be_still(s):
     """Return whether the first finger may be as bright in the present reading as before.
 
     `s` is the state of a `tracker.ContactTracker`. The result is False if the first finger must

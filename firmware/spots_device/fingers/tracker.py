@@ -319,7 +319,7 @@ class ContactTracker:
         s[c.B_OLDEST] = 0
         s[c.X_SEEN_UM] = x_um
         s[c.FIRM_MN] = self._layout.firm_mN
-        self._rest(x_um)
+        self._stay(x_um)
 
     def _follow(self):
         s = self.state
@@ -389,7 +389,7 @@ class ContactTracker:
         s[c.STATE] = c.TWO
         s[c.BEGAN] = s[c.T_NOW]
         s[c.ODD] = s[c.SECOND] = False
-        s[c.RESTED] = s[c.GUESSED] = s[c.PAIR] = False
+        s[c.WAS_STILL] = s[c.GUESSED] = s[c.PAIR] = False
         s[c.B_BOTH] = 0
         s[c.HINT_UM] = -c.NEVER
         s[c.PEAK] = s[c.LEAST] = s[c.B_NOW]
@@ -527,14 +527,14 @@ class ContactTracker:
             s[c.LOW_UM] <= s[c.X_NOW_UM] <= s[c.HIGH_UM]
             and s[c.LOW_MN] <= s[c.FORCE_NOW_MN] <= s[c.HIGH_MN]
         ):
-            self._rest(s[c.X_NOW_UM])
+            self._stay(s[c.X_NOW_UM])
             return False
         if elapsed(s[c.STILL], s[c.T_NOW]) < s[c.STUCK_T]:
             return False
         s[c.STILL] = s[c.T_NOW]
         return True
 
-    def _rest(self, x_um):
+    def _stay(self, x_um):
         s = self.state
         off_um = self._layout.slide_um >> 1
         force_mN = s[c.FORCE_NOW_MN]

@@ -48,7 +48,7 @@ class MouseReports:
         self.outbox = Outbox(send, ticks, MOUSE_SIZE)
         self.unsent = False
         self._buttons = 0
-        self._rest = array("i", (0, 0))  # 120ths of a notch that are not in a report yet
+        self._remainder = array("i", (0, 0))  # 120ths of a notch that are not in a report yet
         self._report = bytearray(MOUSE_SIZE)
 
     def key(self, number, modifiers, pressed):
@@ -67,7 +67,7 @@ class MouseReports:
         """Scroll by 120ths of a notch in the direction `number`, see `layout.WHEEL`."""
         axis = number - _WHEEL >> 1
         up_or_right = number == _WHEEL or number == _WHEEL + 3
-        self._rest[axis] += parts if up_or_right else -parts
+        self._remainder[axis] += parts if up_or_right else -parts
         self.unsent = True
 
     def flush(self):
@@ -87,26 +87,26 @@ class MouseReports:
 
     def release(self):
         """Release all buttons; forget what has not been scrolled."""
-        self._buttons = self._report[0] = self._rest[0] = self._rest[1] = 0
+        self._buttons = self._report[0] = self._remainder[0] = self._remainder[1] = 0
         self.unsent = False
         self.outbox.release()
 
     def _has_changed(self):
-        if self._report[0] != self._buttons or abs(self._rest[0]) >= _size(0):
+        if self._report[0] != self._buttons or abs(self._remainder[0]) >= _size(0):
             return True
-        return abs(self._rest[1]) >= _size(1)
+        return abs(self._remainder[1]) >= _size(1)
 
     def _move(self, report, axis):
         # Adds as much of the rest to a report as fits.
         at = _WHEELS + 2 * axis
         size = _size(axis)
-        rest = self._rest[axis]
-        steps = rest // size if rest >= 0 else -(-rest // size)
+        remainder = self._remainder[axis]
+        steps = remainder // size if remainder >= 0 else -(-remainder // size)
         before = report[at] | report[at + 1] << 8
         if before > _MOST:
             before -= 0x10000
         steps = min(max(steps, -_MOST - before), _MOST - before)
-        self._rest[axis] -= steps * size
+        self._remainder[axis] -= steps * size
         report[at] = before + steps & 0xFF
         report[at + 1] = before + steps >> 8 & 0xFF
 

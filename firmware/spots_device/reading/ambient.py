@@ -120,7 +120,7 @@ class Ambient:
         # Counts of a sample above the floor, Q4.
         state = self._state
         return (state[d.SUMS + i] << 4) // state[d.SAMPLES] - (
-            state[d.DARK + i] + state[d.REST + i] >> 8
+            state[d.DARK + i] + state[d.BASELINE + i] >> 8
         )
 
     def _move(self):

@@ -37,7 +37,7 @@ class Calibration:
     relative_force : bool
         Whether forces have no unit: 3000 then means the mean light of the calibration's presses,
         and 6000 twice that light.
-    rest : tuple of int
+    baseline : tuple of int
         Light of the untouched strip without the dark frame: six sums of counts over
         `decode.DARK_SAMPLES` samples, with the settings of `conditions`; empty if it is unknown.
     compensation : silicone.Compensation or None

@@ -58,7 +58,7 @@ WEIGHT_SUM_MAX = 8 * ONE_Q13
 KNOTS_MAX = 128
 STRAIN_MAX_PPM = 500_000
 FORCE_MAX_MN = 65_535
-_REST_MAX = 65_535 * DARK_SAMPLES
+_BASELINE_MAX = 65_535 * DARK_SAMPLES
 # Limit of every logarithm and contrast; the difference of two still fits 31 bits.
 _LOG_MAX = 1 << 28
 _STRAIN_Q = 12
@@ -107,9 +107,9 @@ def fill(made, lines, strain_ppm):
         raise CalibrationError("'touch' needs two forces, 0 < end <= begin")
     _weights("coarse", seen["coarse"], 0)
     _weights("fit", seen["fit"], 0)
-    made.rest = seen.get("rest", ())
-    if made.rest and not 0 <= min(made.rest) <= max(made.rest) <= _REST_MAX:
-        raise CalibrationError("the sums of 'rest' must be from 0 to %d" % _REST_MAX)
+    made.baseline = seen.get("rest", ())
+    if made.baseline and not 0 <= min(made.baseline) <= max(made.baseline) <= _BASELINE_MAX:
+        raise CalibrationError("the sums of 'rest' must be from 0 to %d" % _BASELINE_MAX)
     forces = seen["f"]
     _check_cross(forces, strains)
     check_table("f", forces)

@@ -268,7 +268,7 @@ class Baseline:
         self._dark = dark
         self._state = dark.state
         view = memoryview(dark.state)
-        self._level = view[d.REST : d.REST + CHANNELS]  # counts, Q12
+        self._level = view[d.BASELINE : d.BASELINE + CHANNELS]  # counts, Q12
         self.floor = view[d.FLOOR : d.FLOOR + CHANNELS]
         self._stick = view[d.STICK : d.STICK + CHANNELS]
         self._state[d.SHIFT] = _Q
@@ -307,9 +307,9 @@ class Baseline:
         """
         for i in range(CHANNELS):
             level = 0
-            if calibration is not None and calibration.rest:
+            if calibration is not None and calibration.baseline:
                 ratio = exposure_us / calibration.conditions.exposure_us
-                level = min(int(calibration.rest[i] * ratio), d.COUNT_MAX_Q12 >> _POOL_SHIFT)
+                level = min(int(calibration.baseline[i] * ratio), d.COUNT_MAX_Q12 >> _POOL_SHIFT)
             self._level[i] = level << _POOL_SHIFT
         self.unstick()
         self._restart()

@@ -90,7 +90,7 @@ BRIGHTNESS_SUM = 41
 LOGS = 42  # Q20 of log2: logarithms of the light
 SUMS = 48  # counts: sums over `SAMPLES`
 FLOOR = 54  # counts: dark frame and baseline, as sums over `FLOOR_SAMPLES`
-REST = 60  # counts in Q12: baseline
+BASELINE = 60  # counts in Q12: baseline
 DARK = 66  # counts in Q12: mean of the dark frame
 # Up to five values that `kernel.look_up` returns: position, expected misfit, offset of the
 # brightness, and two sizes of the cross-sensitivity. The second look-up replaces the first three by

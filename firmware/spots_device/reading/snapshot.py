@@ -70,7 +70,7 @@ class Snapshot:
     def _fill(self, strip, v):
         v[0] = strip._state
         v[1] = strip.lit_flags
-        v[2] = int(strip._rest_wanted)
+        v[2] = int(strip._tare_wanted)
         v[3] = strip.sensor.gain
         v[4] = strip.sensor.led_mA
         values = strip.settings.values

@@ -59,7 +59,7 @@ def _forget(state):
 def _set_floor(state):
     half = 1 << state[d.SHIFT] >> 1
     for i in range(CHANNELS):
-        floor = state[d.DARK + i] + state[d.REST + i] + half
+        floor = state[d.DARK + i] + state[d.BASELINE + i] + half
         if state[d.STUCK] >= d.STUCK_LEAST:
             floor += state[d.STICK + i]
         state[d.FLOOR + i] = floor >> state[d.SHIFT]
@@ -107,7 +107,7 @@ def _net(state):
     total = 0
     for i in range(CHANNELS):
         net = state[d.SUMS + i] * 4 // state[d.SAMPLES] << 10
-        net -= state[d.DARK + i] + state[d.REST + i] + state[d.STICK + i]
+        net -= state[d.DARK + i] + state[d.BASELINE + i] + state[d.STICK + i]
         state[d.LOGS + i] = net
         total += net >> 4
     return total

@@ -57,7 +57,7 @@ def unstick(state: ptr32, flags: int, lasted_us: int):
             n = state[d.SUMS + i] * 4
             if state[d.SAMPLES] > 1:
                 n = n // state[d.SAMPLES]
-            n = (n << 10) - state[d.DARK + i] - state[d.REST + i] - state[d.STICK + i]
+            n = (n << 10) - state[d.DARK + i] - state[d.BASELINE + i] - state[d.STICK + i]
             state[d.LOGS + i] = n
             total += n >> 4
         most = d.STUCK_NOISE + (stuck >> 4)
@@ -98,7 +98,7 @@ def unstick(state: ptr32, flags: int, lasted_us: int):
         shift = state[d.SHIFT]
         half = (1 << shift) >> 1
         for i in range(CHANNELS):
-            n = state[d.DARK + i] + state[d.REST + i] + half
+            n = state[d.DARK + i] + state[d.BASELINE + i] + half
             if state[d.STUCK] >= d.STUCK_LEAST:
                 n += state[d.STICK + i]
             state[d.FLOOR + i] = n >> shift

@@ -1,7 +1,7 @@
 """Processes the samples of one strip: averages and decodes them, and sends frames.
 
 Rare operations are in the modules `dark` and `search`. `Strip.take` allocates only after the last
-sample of a requested dark frame, during a search for settings (command ``auto``), and when it
+sample of a requested dark frame, during a search for settings (command ``autoexpose``), and when it
 restarts the sensor to correct the exposure (setting ``mains_hz``).
 """
 
@@ -90,9 +90,9 @@ class Strip:
         self._diff = clock.ticks_diff
         self._search = None
         self._on_dark = self._on_search = None
-        self._rest_wanted = False
+        self._tare_wanted = False
         # Calibration and conditions for which the baseline was started.
-        self._rest_of = self._rest_at = None
+        self._baseline_of = self._baseline_at = None
         self._warmed = 0  # ticks at which the tables were last shifted
         self._heat_mC = _UNKNOWN_MC  # temperature at that time
         self._snapshot = None  # sends STATE frames while spectra are streamed
@@ -134,7 +134,7 @@ class Strip:
     def report(self, reply):
         """Add dark frame, baseline and counters of the sensor to a reply to ``get`` (dict)."""
         reply["dark"] = self.dark_frame()
-        reply["rest"] = self.baseline.sums()
+        reply["baseline"] = self.baseline.sums()
         reply["temperature_mC"] = self._temperature()
         self.sensor.report(reply)
 
@@ -220,9 +220,9 @@ class Strip:
         self._dark.request()
         self._choose()
 
-    def request_rest(self):
+    def request_tare(self):
         """Use the next reading as the baseline."""
-        self._rest_wanted = self._rare = True
+        self._tare_wanted = self._rare = True
         self._state_left = 0
 
     def use_calibration(self, calibration):
@@ -231,9 +231,9 @@ class Strip:
         The baseline restarts with that of the calibration, unless only the sensor has restarted.
         """
         self.decode.calibration = calibration
-        if calibration is not self._rest_of or self.conditions != self._rest_at:
-            self._rest_of = calibration
-            self._rest_at = self.conditions
+        if calibration is not self._baseline_of or self.conditions != self._baseline_at:
+            self._baseline_of = calibration
+            self._baseline_at = self.conditions
             self.baseline.start(calibration, self.sensor.exposure_us)
         self._warm()
         if self._snapshot is not None:
@@ -288,7 +288,7 @@ class Strip:
             or self._search is not None
             or self._mains_hz
             or self.baseline.left
-            or self._rest_wanted
+            or self._tare_wanted
             or self._dark.changing
             or (self._snapshot is not None and self._state_left <= 0)
         )
@@ -324,8 +324,8 @@ class Strip:
         if not outputs.active:
             return False
         outputs.take(self.index, self._reading)
-        if outputs.rests:
-            self.request_rest()
+        if outputs.is_object:
+            self.request_tare()
         return outputs.two
 
     def _finish(self, sensor):
@@ -333,7 +333,7 @@ class Strip:
             if sensor.steady and self._dark.add(sensor.counts):
                 self._end_blink(sensor)
             return
-        if self._state == _LIT and (self._rest_wanted or self.baseline.left):
+        if self._state == _LIT and (self._tare_wanted or self.baseline.left):
             self._follow(sensor)
         if self._dark.changing and self._state == _LIT and not self._reading[d.TAKEN]:
             self._ambient.follow(self._work[d.TABLES])
@@ -347,11 +347,11 @@ class Strip:
     def _follow(self, sensor):
         # The baseline needs this lit sample.
         complete = not self._reading[d.TAKEN]
-        if not self._rest_wanted:
+        if not self._tare_wanted:
             if self.baseline.after(sensor.counts, complete):
                 self._choose()
         elif complete:
-            self._rest_wanted = False
+            self._tare_wanted = False
             self.baseline.take()
             self._choose()
 

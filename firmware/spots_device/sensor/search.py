@@ -1,4 +1,4 @@
-"""Searches for gain, LED current and exposure: the command ``auto``.
+"""Searches for gain, LED current and exposure: the command ``autoexpose``.
 
 Imported only when this command is used.
 """

@@ -60,7 +60,7 @@ class Controller:
         Whether the last valid `state` is kept because readings are untrusted or missing.
     """
 
-    rests = (
+    objects = (
         0  # a controller detects no objects that are not fingers, see `link.calibrated.run_engine`
     )
 

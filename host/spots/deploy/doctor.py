@@ -188,9 +188,11 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
     text = f"the LED gives {100 * max(light, 0) / full_scale:.1f} % of full scale"
     dim, bright = light < least, lit.peak > _BRIGHTEST * full_scale
     if dim:
-        text += f": press firmly and run 'spots command auto', or check {_WIRES[state['led']]}"
+        text += (
+            f": press firmly and run 'spots command autoexpose', or check {_WIRES[state['led']]}"
+        )
     elif bright:
-        text += ": press at the sensor's end and run 'spots command auto'"
+        text += ": press at the sensor's end and run 'spots command autoexpose'"
     yield Finding("light", not dim and not bright, text)
     if fits:
         yield fits

@@ -39,7 +39,7 @@ class KeyEngine:
         Length of the strip, in um.
     firm_mN : int
         Least force of a firm press, in mN.
-    rests : int
+    objects : int
         Number of times that an object instead of a finger was detected on the strip; the caller may
         set it to 0.
     """
@@ -59,7 +59,7 @@ class KeyEngine:
         else:
             self.usage, self.key = _ignore, sink.key
         self.length_um = length_um
-        self.rests = 0
+        self.objects = 0
         self._names = list(layout.layers)
         self._pad = Keypad(self, merger or Merger())
         limits = parse(layout.lines)
@@ -125,7 +125,7 @@ class KeyEngine:
         """
 
     def stuck(self) -> None:
-        self.rests += 1
+        self.objects += 1
 
 
 def _ignore(page: int, usage: int, modifiers: int, pressed: bool) -> None:

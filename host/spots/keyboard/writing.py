@@ -72,11 +72,11 @@ class Writing:
         """
         steps: list[int] = []
         for part in parts:
-            verb, space, rest = part.partition(" ")
+            verb, space, remainder = part.partition(" ")
             if verb == "text" and space:
-                steps += self.text(rest)
+                steps += self.text(remainder)
             elif verb == "wait":
-                steps += _wait(rest)
+                steps += _wait(remainder)
             else:
                 for action in self.actions(part):
                     steps += _steps(action)
@@ -147,5 +147,5 @@ def _wait(text: str) -> list[int]:
     if not text.isdecimal() or not 0 < int(text) <= _WAIT_MAX_MS:
         raise SettingError(f"'wait {text}': write 'wait MS', from 1 to {_WAIT_MAX_MS}")
     units = -(-int(text) // _WAIT_UNIT_MS)
-    whole, rest = divmod(units, _UNITS_MAX)
-    return [_UNITS_MAX << 8] * whole + ([rest << 8] if rest else [])
+    whole, remainder = divmod(units, _UNITS_MAX)
+    return [_UNITS_MAX << 8] * whole + ([remainder << 8] if remainder else [])

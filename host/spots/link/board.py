@@ -114,7 +114,7 @@ class Board(AbstractContextManager["Board"]):
 
     @property
     def info(self) -> Hello:
-        """The board's reply to ``hello``, updated by ``set``, ``auto`` and calibrations."""
+        """The board's reply to ``hello``, updated by ``set``, ``autoexpose`` and calibrations."""
         return self._channel.info
 
     @property
@@ -209,7 +209,7 @@ class Board(AbstractContextManager["Board"]):
     @overload
     def command(self, line: Literal["get"], timeout_s: float | None = None) -> Get: ...
     @overload
-    def command(self, line: Literal["auto"], timeout_s: float | None = None) -> Changed: ...
+    def command(self, line: Literal["autoexpose"], timeout_s: float | None = None) -> Changed: ...
     @overload
     def command(self, line: Literal["dark"], timeout_s: float | None = None) -> DarkFrame: ...
     @overload
@@ -230,8 +230,8 @@ class Board(AbstractContextManager["Board"]):
         Returns
         -------
         dict
-            The reply. For ``hello``, ``get``, ``auto``, ``dark`` and ``sync`` see the types in
-            `replies`.
+            The reply. For ``hello``, ``get``, ``autoexpose``, ``dark`` and ``sync`` see the types
+            in `replies`.
 
         Raises
         ------

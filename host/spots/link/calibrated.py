@@ -101,7 +101,7 @@ def run_engine(
         The board to read.
     engine : object
         Has the methods ``take(touch, now_s)``, ``tick(now_s)`` and ``release()``. Its attribute
-        ``rests`` is the number of detected objects that are not fingers; this function resets it
+        ``objects`` is the number of detected objects that are not fingers; this function resets it
         to 0.
     seconds : float or None
         Duration, in seconds by the clock of `Board.now_s`; no limit if None. The end of a
@@ -132,7 +132,7 @@ def run_engine(
             if isinstance(frame, Touch):
                 yield frame, engine.take(frame, board.now_s())
         yield None, engine.tick(board.now_s())
-        if engine.rests and not board.read_only:
+        if engine.objects and not board.read_only:
             with contextlib.suppress(SpotsError):  # a missing reply does not matter
-                board.command("rest")
-        engine.rests = 0
+                board.command("tare")
+        engine.objects = 0

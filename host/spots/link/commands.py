@@ -9,6 +9,7 @@ import msgspec
 from spots_device.board.command import LINE_MAX
 
 from ..errors import BoardError, NoReplyError, PortError, SettingError
+from . import former_names
 from .board_errors import in_words, reason_of
 from .channel import Channel
 from .frames import Text
@@ -18,7 +19,7 @@ from .replies import Hello, validated
 # Timeouts of replies, in s. These commands reply when their work is done, all others immediately.
 # The usual timeout is long, because on a busy computer a simulated board may get no processor time
 # for seconds.
-_REPLY_S = {"auto": 120.0, "dark": 30.0, "save": 10.0}
+_REPLY_S = {"autoexpose": 120.0, "dark": 30.0, "save": 10.0}
 _USUAL_REPLY_S = 4.0
 HELLO_TIMEOUT_S = 1.0
 
@@ -48,6 +49,7 @@ class Commands:
                 f"cannot send {line!r}: a command must have 1 to {LINE_MAX} printable ASCII "
                 "characters, not only spaces"
             )
+        former_names.check(line)
         usual_s = _REPLY_S.get(line.split()[0], _USUAL_REPLY_S)
         if timeout_s is None:
             timeout_s = usual_s
@@ -125,6 +127,6 @@ class Commands:
             channel.loss.expect(channel.now_s() if channel.wanted else None)
         if sensor == 0:
             self.take_settings(content)
-        if content["re"] in ("set", "auto") and sensor == 0:
+        if content["re"] in ("set", "autoexpose") and sensor == 0:
             known = {name: reply.content[name] for name in channel.info if name in reply.content}
             channel.info = cast("Hello", {**channel.info, **known, "re": "hello"})

@@ -75,9 +75,9 @@ def open_with(
         If no board or more than one board is found, or an argument is wrong.
     """
     port = path_text(port, "a port") if port is not None else None
-    module, rest = scheme(port)
+    module, target = scheme(port)
     if module is not None:
-        return module.open_port(rest, options)
+        return module.open_port(target, options)
     if port is not None:
         return _opened(port)
     found, reasons = find()

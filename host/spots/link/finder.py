@@ -31,9 +31,9 @@ def finder(port: str | None, options: Namespace | None = None) -> Callable[[str 
     SpotsError
         If the options are invalid.
     """
-    module, rest = scheme(port)
+    module, target = scheme(port)
     if module is not None and hasattr(module, "check"):
-        module.check(rest, options)
+        module.check(target, options)
 
     def open_board(board_id: str | None) -> Board:
         if board_id is None:

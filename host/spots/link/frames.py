@@ -21,6 +21,7 @@ from spots_device.reading import decode, frame
 from spots_device.reading.kernel import TOUCH_BODY
 
 from ..errors import SettingError
+from .former_names import present
 
 _HEADER = struct.Struct("<BHHH")  # kind and sensor, sequence, time low, time high
 _TOUCH = struct.Struct(TOUCH_BODY)
@@ -386,7 +387,7 @@ class Decoder:
     def __init__(self):
         self.stats = LinkStats()
         self.restarts = 0
-        self._rest = b""
+        self._partial = b""
         self._overlong = False
         self._expected: int | None = None
         self._lost_at_reading = 0
@@ -394,7 +395,7 @@ class Decoder:
     @property
     def pending(self) -> bytes:
         """The first bytes of a frame that is not complete yet."""
-        return self._rest
+        return self._partial
 
     @property
     def expected(self) -> int | None:
@@ -407,7 +408,7 @@ class Decoder:
 
     def forget(self) -> None:
         """Drop the incomplete frame, and do not count a gap before the next frame as loss."""
-        self._rest, self._overlong, self._expected = b"", False, None
+        self._partial, self._overlong, self._expected = b"", False, None
 
     def feed(self, data: bytes) -> list[Frame]:
         """Add bytes, in any amount, and return the frames that are now complete."""
@@ -431,16 +432,16 @@ class Decoder:
     def _completed(self, data: bytes) -> bytes:
         """Return the bytes up to the last delimiter; store the bytes after it for the next call."""
         self.stats.bytes += len(data)
-        data = self._rest + data
+        data = self._partial + data
         end = data.rfind(b"\0") + 1
         begin = 0
         if self._overlong and end:
             begin = data.index(b"\0") + 1
             self._overlong = False
-        self._rest = data[end:]
-        if self._overlong or len(self._rest) > ENCODED_MAX:
+        self._partial = data[end:]
+        if self._overlong or len(self._partial) > ENCODED_MAX:
             self.stats.bad_crc += not self._overlong
-            self._overlong, self._rest = True, b""
+            self._overlong, self._partial = True, b""
         return data[begin:end]
 
     def _take(self, piece: bytes) -> Frame | None:
@@ -540,7 +541,7 @@ def _contact(sensor: int, sequence: int, t_us: int, body: bytes) -> Contact:
 
 
 def _text(sensor: int, sequence: int, t_us: int, body: bytes) -> Text:
-    return Text(sensor, sequence, t_us, _object(body))
+    return Text(sensor, sequence, t_us, present(_object(body)))
 
 
 def _note(sensor: int, sequence: int, t_us: int, body: bytes) -> Note:

@@ -4,9 +4,10 @@ A scheme is the word before the colon: ``zenoh`` in ``zenoh:ID``. Each scheme ha
 registered as an entry point of the group ``spots.ports`` with the scheme's name. The module must
 have
 
-``open_port(rest, options)``
-    Returns a `Board`, or raises SpotsError. `rest` is the text after the colon. `options` are those
-    of the command line; None in a program. They have what ``add_options`` has added, or nothing.
+``open_port(target, options)``
+    Returns a `Board`, or raises SpotsError. `target` is the text after the colon. `options` are
+    those of the command line; None in a program. They have what ``add_options`` has
+    added, or nothing.
 
 and may have
 
@@ -14,7 +15,7 @@ and may have
     Adds options for the commands that open a port of this kind. It must load no more than it needs.
 ``add_linkage_options(parser)``
     The same for ``spots twin``.
-``check(rest, options)``
+``check(target, options)``
     Raises SpotsError if the arguments are invalid, so that every call of ``open_port`` would fail.
 ``calibration_setup(options, made, path, guide)``
     Returns a `calibrate.session.bench.Bench`: a board whose strip is pressed by a machine.
@@ -104,7 +105,7 @@ def scheme(port: str | None) -> tuple[ModuleType | None, str]:
     -------
     module : module or None
         None if `port` is a serial port or None.
-    rest : str
+    target : str
         Text after the colon; the whole port if it has no scheme.
 
     Raises
@@ -112,10 +113,10 @@ def scheme(port: str | None) -> tuple[ModuleType | None, str]:
     SpotsError
         If a package that the scheme needs is not installed.
     """
-    name, _, rest = (port or "").partition(":")
+    name, _, target = (port or "").partition(":")
     try:
         for entry in entry_points(group=GROUP, name=name):
-            return entry.load(), rest
+            return entry.load(), target
     except ImportError:
         if name != _SIMULATED:
             raise

@@ -45,7 +45,7 @@ class Settings(TypedDict):
 
 
 class Changed(Settings, total=False):
-    """The reply to ``set`` and ``auto``: all settings after the change.
+    """The reply to ``set`` and ``autoexpose``: all settings after the change.
 
     ``note`` is only present as a warning that the calibration is not used, or that keys or gamepad
     do not work. ``rate_mHz`` is the expected rate, in readings per 1000 s.
@@ -128,7 +128,7 @@ _KINDS: dict[str, tuple[Any, dict[str, object]]] = {
     "hello": (Hello, _HELLO),
     "get": (Get, _GET),
     "set": (Changed, _SETTINGS),
-    "auto": (Changed, _SETTINGS),
+    "autoexpose": (Changed, _SETTINGS),
     "dark": (DarkFrame, {}),
     "sync": (Sync, {"stream": None}),
     "stream": (_Stream, {}),

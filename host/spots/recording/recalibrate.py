@@ -22,6 +22,7 @@ from spots_device.reading.kernel import TOUCH_BODY
 
 from ..calibrate.calibration_file import load
 from ..errors import CalibrationError, FileError, SettingError
+from ..link.former_names import present
 from ..link.frames import NOTE, checked, framed
 from .arrays import Arrays, read_arrays
 from .export import Files
@@ -220,11 +221,11 @@ class _Rewriter:
 
     def _text(self, lane: _Lane, body: bytes) -> None:
         try:
-            content = msgspec.json.decode(body, type=dict[str, Any])
+            content = present(msgspec.json.decode(body, type=dict[str, Any]))
             plan = msgspec.convert(content.get("plan", lane.strip.plan), tuple[str, ...])
         except msgspec.MsgspecError:
             return
-        if content.get("re") in ("set", "auto", "hello", "get"):
+        if content.get("re") in ("set", "autoexpose", "hello", "get"):
             lane.strip.plan = plan
         elif content.get("re") == "cal" and "calibration" in content:
             lane.strip.own = content["calibration"] == lane.strip.name

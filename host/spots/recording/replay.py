@@ -102,12 +102,12 @@ class RecordedLink(FrameLink):
             time.sleep(max(0.0, recorded_s - self.now_s()) / self._speed)
 
 
-def open_port(rest: str, options: Namespace | None = None) -> Board:
+def open_port(target: str, options: Namespace | None = None) -> Board:
     """Open the port ``recording:FILE`` as a board, at the original pace; see `link.ports`.
 
     Parameters
     ----------
-    rest : str
+    target : str
         Path of the recording.
     options : Namespace, optional
         Ignored.
@@ -119,11 +119,11 @@ def open_port(rest: str, options: Namespace | None = None) -> Board:
     Raises
     ------
     SettingError
-        If `rest` is empty, or the recording cannot be read.
+        If `target` is empty, or the recording cannot be read.
     """
-    if not rest:
+    if not target:
         raise SettingError("the port 'recording:' has no file: write recording:FILE.spots")
-    return open_recording(rest)
+    return open_recording(target)
 
 
 def open_recording(path: str | Path, speed: float = 1.0) -> Board:

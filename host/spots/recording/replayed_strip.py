@@ -28,7 +28,7 @@ class State(IntEnum):
 
     STEP = 0
     LIT_FLAGS = 1
-    REST_WANTED = 2
+    TARE_WANTED = 2
     GAIN = 3
     LED_MA = 4
     STRAIN_PPM = 5
@@ -135,7 +135,7 @@ class _Strip(of_board.Strip):
                     one[i] = value
             at += len(one)
         if own:
-            self._rest_wanted = bool(words[State.REST_WANTED])
+            self._tare_wanted = bool(words[State.TARE_WANTED])
             baseline._count, baseline.left = words[State.COUNTED], words[State.LEFT]
             ambient._moved = words[State.MOVED]
             ambient._is_contradicted = bool(words[State.CONTRADICTED])
@@ -264,8 +264,8 @@ class ReplayedStrip:
             strip.conditions = conditions
             if not self.own:
                 strip.load(words, True)
-                strip._rest_of = self  # the baseline restarts
-                strip._rest_wanted = False
+                strip._baseline_of = self  # the baseline restarts
+                strip._tare_wanted = False
                 for at in (d.DRIFT, d.SEEN, d.LEARNS, d.TOUCHED, d.LEVEL, d.ODD_US):
                     strip._reading[at] = 0
             strip.use_calibration(found)

@@ -89,7 +89,7 @@ class Gestures:
 
     Attributes
     ----------
-    rests : int
+    objects : int
         Number of times that an object instead of a finger was detected on the strip; the caller may
         set it to 0.
     """
@@ -105,7 +105,7 @@ class Gestures:
         self._heard_s: float | None = None
         self._path: _Path | None = None  # None while no finger touches
         self._tap: Gesture | None = None  # waits for a second tap
-        self.rests = 0
+        self.objects = 0
 
     def take(self, touch: Touch, now_s: float) -> list[Gesture]:
         """Add a reading, and return the gestures that are now complete.
@@ -216,7 +216,7 @@ class Gestures:
 
     def stuck(self) -> None:
         self._path = None
-        self.rests += 1
+        self.objects += 1
 
     # Classification.
 

@@ -74,7 +74,7 @@ class _Pair:
         self.settled = False  # whether both have touched for longer than fingers overlap in typing
         self._began_s = now_s
         self._first, self._from, self._to = first, second, second
-        self._rest: tuple[float, int] | None = None  # light (log2) and position before a squeeze
+        self._before: tuple[float, int] | None = None  # light (log2) and position before a squeeze
         self._hard_since_s = math.inf
         self._decided = False
 
@@ -91,15 +91,15 @@ class _Pair:
         if self._decided or not self.settled or {first.id, second.id} != self.ids:
             return None
         x_um = touch.integers[0]
-        if self._rest is None:
+        if self._before is None:
             self._from = second
-        if self._rest is None or light < self._rest[0]:
-            self._rest = light, x_um
+        if self._before is None or light < self._before[0]:
+            self._before = light, x_um
         if second.sigma_um <= _SIGMA_UM:
             self._to = second
         apart_um = max(abs(self._from.position_um - self._first.position_um), 1.0)
-        rise = 2 ** (light - self._rest[0])
-        shift = abs(x_um - self._rest[1]) / apart_um
+        rise = 2 ** (light - self._before[0])
+        shift = abs(x_um - self._before[1]) / apart_um
         if rise < _RISE or shift > _SHIFT:
             self._hard_since_s = math.inf
             return None
@@ -119,7 +119,7 @@ class _Pair:
         moved_um = self._to.position_um - self._from.position_um
         before = self._to if left.id == self._to.id else self._first
         off_um = abs(left.position_um - before.position_um)
-        if self._decided or self._rest is None or abs(moved_um) < _SLIDE_UM or off_um > _OFF_UM:
+        if self._decided or self._before is None or abs(moved_um) < _SLIDE_UM or off_um > _OFF_UM:
             return None
         confidence = min(
             above(abs(moved_um), _SLIDE_UM),

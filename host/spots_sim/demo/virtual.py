@@ -48,27 +48,27 @@ _START_S = 10.0
 _POLL_S = 0.02
 
 
-def open_port(rest: str, options: Namespace | None = None) -> Board:
+def open_port(target: str, options: Namespace | None = None) -> Board:
     """Open a virtual board in real time, see `open_virtual`.
 
-    `rest` is the text after ``virtual:`` in the port; it must be empty, otherwise SettingError.
+    `target` is the text after ``virtual:`` in the port; it must be empty, otherwise SettingError.
     """
-    _check_rest(rest)
+    _check_target(target)
     options = given(options)
     return open_virtual(options.sensor, options.scenario, options.seed)[0]
 
 
-def check(rest: str, options: Namespace | None = None) -> None:
+def check(target: str, options: Namespace | None = None) -> None:
     """Validate the sensor and scenario file of a virtual board; see `open_port`."""
-    _check_rest(rest)
+    _check_target(target)
     options = given(options)
     load(SensorFile, options.sensor)
     load(ScenarioFile, options.scenario)
 
 
-def _check_rest(rest: str) -> None:
-    if rest:
-        raise SettingError(f"there is no port {VIRTUAL}:{rest}: write {VIRTUAL}")
+def _check_target(target: str) -> None:
+    if target:
+        raise SettingError(f"there is no port {VIRTUAL}:{target}: write {VIRTUAL}")
 
 
 def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:

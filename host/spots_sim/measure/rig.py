@@ -7,7 +7,7 @@ import numpy as np
 from spots.calibrate.fit.fit import fit
 from spots.calibrate.fit.presses import Noise
 from spots.calibrate.fit.shift import shifted
-from spots.calibrate.session import rest
+from spots.calibrate.session import baseline
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
 from spots_device.reading.dark import _DARK_EVERY_US, _WINDOW_SAMPLES, _WINDOWS
@@ -50,7 +50,7 @@ class Rig:
         self._shift = None
         try:
             self.stage.expose(exposure_us)
-            self._rest = rest.line(self.stage.reader.rest)
+            self._baseline = baseline.line(self.stage.reader.baseline)
             self.along = {0: self.stage.along()}
             self._pressed = self.stage.pressed()
             self.noise = Noise.of(self.along[0], self._pressed)
@@ -111,7 +111,7 @@ class Rig:
     def _use(self) -> None:
         check_light(self.along[0], self._pressed)
         fitted = fit(self.along, self._pressed, self.noise, self.conditions)
-        self.use((*fitted, *self._rest, *self._silicone))
+        self.use((*fitted, *self._baseline, *self._silicone))
 
     def use(self, lines) -> None:
         """Use another calibration of this strip: `lines`, a sequence of str."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from spots.calibrate.fit.fit import fit
 from spots.calibrate.fit.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
-from spots.calibrate.session import rest
+from spots.calibrate.session import baseline
 from spots.calibrate.session.spectra import SpectrumReader
 from spots.errors import CalibrationError
 from spots.link.board import Board
@@ -80,7 +80,7 @@ class Stage:
         BoardError if no setting fits this strip.
         """
         self.press(NEAR_UM, FULL_MN)
-        self.board.command("auto", timeout_s=_SEARCH_TIMEOUT_S)
+        self.board.command("autoexpose", timeout_s=_SEARCH_TIMEOUT_S)
         self.release()
         if exposure_us is not None:
             self.board.command(f"set exposure_us={exposure_us}")
@@ -224,7 +224,7 @@ def _calibrated(sensor: SensorFile, exposure_us: int | None) -> tuple[tuple[str,
         noise = Noise.of(along, pressed)
         check_light(along, pressed)
         lines = tuple(fit({0: along}, pressed, noise, stage.reader.conditions))
-        lines += tuple(rest.line(stage.reader.rest))
+        lines += tuple(baseline.line(stage.reader.baseline))
         led = "led=" + sensor.led.wired
         if sensor.led.wired == "always":
             state = stage.board.command("get")

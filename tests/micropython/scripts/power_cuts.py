@@ -17,7 +17,7 @@ from spots_device.board.store import Store
 from spots_device.keys.layout import default_lines
 from spots_device.sensor.as7341 import AS7341
 
-_COUNTS = (900, 1200, 2000, 2500, 2600, 1500)  # 0.7 of full scale: ``auto`` ends at once
+_COUNTS = (900, 1200, 2000, 2500, 2600, 1500)  # 0.7 of full scale: ``autoexpose`` ends at once
 _PAGE = 256
 _STEPS_MAX = 2_000
 _EIO = 5
@@ -147,10 +147,10 @@ def settings(app, strip):
     send(app, strip, "set average=%d" % (1 + app.settings.values["average"] % 3))
 
 
-def auto(app, strip):
+def autoexpose(app, strip):
     send(app, strip, "set gain=5")
     if not strip:
-        send(app, strip, "auto")
+        send(app, strip, "autoexpose")
 
 
 def new_layout(app, strip):
@@ -231,7 +231,9 @@ for kind in (Littlefs, Fat):
             app.save()
         system.umount()
         image = bytes(system.flash.data)
-        changes = (settings, auto, new_layout, calibrate) if strips == 1 else (everything, removal)
+        changes = (
+            (settings, autoexpose, new_layout, calibrate) if strips == 1 else (everything, removal)
+        )
         for change in changes:
             old, new = cut(system, strips, change, image)
             print(kind.__name__, strips, change.__name__, old, new)

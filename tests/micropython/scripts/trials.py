@@ -331,11 +331,11 @@ def power(cases, results):
         results[i] = power_of_two(cases[i])
 
 
-def prepare_rest(cases):
+def prepare_still(cases):
     return _arrays(cases)
 
 
-def rest(cases, results):
+def still(cases, results):
     s = _tracked
     width = c.SIZE + 1
     for i in range(len(cases)):

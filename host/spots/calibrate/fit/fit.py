@@ -94,13 +94,13 @@ def fit(
         force.
     """
     curves = {strain: Curves(p.position_um, p.logs) for strain, p in sorted(along.items())}
-    rest = curves[0]
-    coarse, _ = _weights(rest, noise, rest.ends_um, has_table=False)
-    test = _fit_weights(rest, noise)
-    parts = [_weights(rest, noise, part) for part in _parts(rest)]
-    middle_um = float(np.mean(rest.ends_um))
-    firm = rest.logs(middle_um) @ _part_at(rest, parts, middle_um)[1] * _Q13_TO_Q20
-    forces, brightnesses = _force_table(rest, parts, pressed, firm)
+    relaxed = curves[0]
+    coarse, _ = _weights(relaxed, noise, relaxed.ends_um, has_table=False)
+    test = _fit_weights(relaxed, noise)
+    parts = [_weights(relaxed, noise, part) for part in _parts(relaxed)]
+    middle_um = float(np.mean(relaxed.ends_um))
+    firm = relaxed.logs(middle_um) @ _part_at(relaxed, parts, middle_um)[1] * _Q13_TO_Q20
+    forces, brightnesses = _force_table(relaxed, parts, pressed, firm)
     lines = [
         "board " + conditions.board,
         "plan " + " ".join(conditions.plan),
@@ -108,11 +108,11 @@ def fit(
         _statement("coarse", coarse),
         _statement("fit", test),
         *(_statement("segment", [*position, *force]) for position, force in parts),
-        *press_spectra.statements(rest.ends_um, rest.logs),
+        *press_spectra.statements(relaxed.ends_um, relaxed.logs),
     ]
     dimmer = (brightnesses - firm) / ONE_Q20
-    sigma_um, sigma_misfit = _sigmas(rest, parts, test, noise, dimmer)
-    limit_um = max(_TOUCH_SIGMA_UM, _TOUCH_SIGMA_SHARE * np.ptp(rest.ends_um))
+    sigma_um, sigma_misfit = _sigmas(relaxed, parts, test, noise, dimmer)
+    limit_um = max(_TOUCH_SIGMA_UM, _TOUCH_SIGMA_SHARE * np.ptp(relaxed.ends_um))
     if sigma_um.min() > limit_um:
         raise CalibrationError(
             "the position is too noisy at every force: raise exposure, gain or LED current"
@@ -124,12 +124,12 @@ def fit(
     lines.append(_statement("touch", (begin, end)))
     # The largest misfit of a single press is added to the noise.
     if misfit is None:
-        misfit = along[0].logs - rest.logs(along[0].position_um)
+        misfit = along[0].logs - relaxed.logs(along[0].position_um)
     off = np.abs(misfit @ test).max() / ONE_Q13
     tolerances = 1 + (off + _MISFIT_SIGMAS * sigma_misfit) * ONE_Q12
     tolerances = tolerances.clip(_TOLERANCE_MIN, _TOLERANCE_MAX)
     sure = forces >= end
-    cross = _cross(rest, parts, test, pressed, noise, dimmer, sure, sigma_um, sigma_misfit)
+    cross = _cross(relaxed, parts, test, pressed, noise, dimmer, sure, sigma_um, sigma_misfit)
     shares = [np.round(cross.shares * ONE_Q12)] if cross else []
     if cross:
         tint = cross.change
@@ -281,17 +281,18 @@ def estimators(design: np.ndarray, information: np.ndarray) -> np.ndarray:
         ) from None
 
 
-def _sigmas(rest: Curves, parts, test, noise: Noise, dimmer) -> tuple[np.ndarray, np.ndarray]:
+def _sigmas(relaxed: Curves, parts, test, noise: Noise, dimmer) -> tuple[np.ndarray, np.ndarray]:
     """Return the largest standard deviations along the strip: position in um, misfit in log2 units.
 
-    `rest` has log2 of the counts of firm presses along the strip. `dimmer` contains n brightnesses
-    relative to these presses, in log2 units; both results have shape (n,). `parts` contains the
-    weights of each segment for position and force, and `test` the weights of the misfit.
+    `relaxed` has log2 of the counts of firm presses along the strip at rest. `dimmer` contains n
+    brightnesses relative to these presses, in log2 units; both results have shape (n,). `parts`
+    contains the weights of each segment for position and force, and `test` the weights of the
+    misfit.
     """
-    places = np.linspace(*rest.ends_um, _NOISE_PLACES)
-    variance = noise.log_variance(2.0 ** (rest.logs(places) + dimmer[:, None, None]))
-    weights = np.array([_part_at(rest, parts, x)[0] for x in places])
-    slopes = np.abs((rest.slopes(places) * weights).sum(axis=-1))
+    places = np.linspace(*relaxed.ends_um, _NOISE_PLACES)
+    variance = noise.log_variance(2.0 ** (relaxed.logs(places) + dimmer[:, None, None]))
+    weights = np.array([_part_at(relaxed, parts, x)[0] for x in places])
+    slopes = np.abs((relaxed.slopes(places) * weights).sum(axis=-1))
     if not slopes.all():
         raise _unsteady(places[np.argmin(slopes)])
     sigma_um = np.sqrt((variance * weights**2.0).sum(axis=-1)) / slopes
@@ -363,7 +364,15 @@ class _Cross:
 
 
 def _cross(
-    rest: Curves, parts, test, pressed: Presses, noise: Noise, dimmer, sure, sigma_um, sigma_misfit
+    relaxed: Curves,
+    parts,
+    test,
+    pressed: Presses,
+    noise: Noise,
+    dimmer,
+    sure,
+    sigma_um,
+    sigma_misfit,
 ) -> _Cross | None:
     """Return the correction for the cross-sensitivity, or None if it is not needed.
 
@@ -372,19 +381,19 @@ def _cross(
     are those of `_sigmas` and `_force_table`.
     """
     lit = pressed.lit_everywhere()
-    off = lit.logs - rest.logs(lit.position_um)
-    weights = np.array([_part_at(rest, parts, x)[1] for x in lit.position_um]) / ONE_Q13
+    off = lit.logs - relaxed.logs(lit.position_um)
+    weights = np.array([_part_at(relaxed, parts, x)[1] for x in lit.position_um]) / ONE_Q13
     light = (off * weights).sum(axis=1)
     firm = light >= dimmer[sure][0]
     lit, off, light = lit.keep(firm), off[firm], light[firm]
-    found = change(lit, off, light, rest.slopes(lit.position_um), noise, rest.ends_um)
+    found = change(lit, off, light, relaxed.slopes(lit.position_um), noise, relaxed.ends_um)
     if found is None:
         return None
     # The corrections at all positions and forces are a matrix; its first singular vectors are the
     # best approximation by products. Below the weakest sure force, the share does not change.
     errors = [
-        _off(rest, found, rest.ends_um, _places(rest, part), dimmer[sure], position, test)
-        for (position, _), part in zip(parts, _parts(rest))
+        _off(relaxed, found, relaxed.ends_um, _places(relaxed, part), dimmer[sure], position, test)
+        for (position, _), part in zip(parts, _parts(relaxed))
     ]
     errors_um, errors_q12 = (np.concatenate(column) for column in zip(*errors))
     scaled = np.concatenate(
@@ -394,10 +403,10 @@ def _cross(
     shares = forces[0] * sigma_um[sure]
     shares /= np.abs(shares).max()
     shares = np.concatenate([np.full(len(sure) - sure.sum(), shares[0]), shares])
-    cross = _Cross(found, dimmer, shares, np.where(sure, sigma_um**-2.0, 0.0), rest.ends_um)
+    cross = _Cross(found, dimmer, shares, np.where(sure, sigma_um**-2.0, 0.0), relaxed.ends_um)
     sizes_um = [
-        cross.sizes(rest, _places(rest, part), position, test)[0]
-        for (position, _), part in zip(parts, _parts(rest))
+        cross.sizes(relaxed, _places(relaxed, part), position, test)[0]
+        for (position, _), part in zip(parts, _parts(relaxed))
     ]
     # Weaker presses are too noisy for this decision.
     clear = sigma_um <= sigma_um[sure][0] / 2
@@ -424,17 +433,17 @@ def _off(curve: Curves, change: Change, ends_um, x_um, lights, position, test):
     return at_um - x_um[:, None], ((logs - firm[:, None]) @ test) * (ONE_Q12 / ONE_Q13)
 
 
-def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray, np.ndarray]:
+def _force_table(relaxed, parts, pressed: Presses, firm: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the table from brightness to force: ascending forces in mN, and brightnesses in Q20.
 
-    `rest` has log2 of the counts of firm presses along the strip, and `firm` is their brightness in
-    Q20. `parts` contains the weights of each segment; `pressed` has the presses with different
-    forces.
+    `relaxed` has log2 of the counts of firm presses along the strip at rest, and `firm` is their
+    brightness in Q20. `parts` contains the weights of each segment; `pressed` has the presses with
+    different forces.
     """
     lit = pressed.lit_everywhere()
     brightness = np.array(
         [
-            (log - rest.logs(x)) @ _part_at(rest, parts, x)[1] * _Q13_TO_Q20 + firm
+            (log - relaxed.logs(x)) @ _part_at(relaxed, parts, x)[1] * _Q13_TO_Q20 + firm
             for x, log in zip(lit.position_um, lit.logs)
         ]
     )

@@ -31,7 +31,7 @@ _Count = Annotated[float, _ranged(-1e6, 1e6)]
 _Number = Annotated[float, _ranged(-1e12, 1e12)]
 _Counts = Annotated[tuple[_Count, ...], msgspec.Meta(min_length=6, max_length=6)]
 _Six = Annotated[tuple[_Number, ...], msgspec.Meta(min_length=6, max_length=6)]
-_Rest = Annotated[tuple[_Number, ...], msgspec.Meta(max_length=6)]
+_Baseline = Annotated[tuple[_Number, ...], msgspec.Meta(max_length=6)]
 _Seven = Annotated[tuple[_Number, ...], msgspec.Meta(min_length=7, max_length=7)]
 Plan = Annotated[tuple[str, ...], msgspec.Meta(min_length=6, max_length=6)]
 Gain = Annotated[int, _ranged(0, 10)]
@@ -105,7 +105,7 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
         then the six counts.
     holds : tuple of (float, float)
         Start and end of the time in which each force was steady, in s by the same clock.
-    rest : tuple of float
+    baseline : tuple of float
         Light of the untouched strip in counts of a sample, which was subtracted from `counts`;
         empty if the strip had no such light.
     """
@@ -124,7 +124,7 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
     time: str
     trace: tuple[_Seven, ...] = ()
     holds: tuple[tuple[Seconds, Seconds], ...] = ()
-    rest: _Rest = ()
+    baseline: _Baseline = msgspec.field(default=(), name="rest")  # its name in a file
 
     def __post_init__(self):
         # msgspec reports a ValueError as a wrong value of the file.

@@ -12,7 +12,7 @@ from ...errors import CalibrationError
 from ..fit.points import Wanted, presses
 from ..fit.presses import FIRM_MN, FULL_MN, MARKS, Noise, Presses
 from ..fit.surface import Sizes, Surface, fitted
-from . import rest
+from . import baseline
 from .bench import CONTINUES, TRIES, BadPressError, Bench, TooDarkError, samples_of
 from .dialog import Dialog, Progress
 from .session_file import Session, point
@@ -113,7 +113,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
         traced = {"trace": tuple(trace), "holds": tuple(holds)} if read.force_mN else {}
         conditions = bench.reader.conditions
         session.add(point(read, reading, conditions, length_um=bench.length_um, **traced))
-        rest.check(session)
+        baseline.check(session)
         bench.spent, tries = bench.spent - 1, 0
         guide.taken(read, reading)
         wanted, surface = None, _surface(session, bench.length_um, surface)

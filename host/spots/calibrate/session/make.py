@@ -19,7 +19,7 @@ from ..fit.fit import PLACES_MIN, fit
 from ..fit.points import presses
 from ..fit.presses import FIRM_MN, MARKS, Noise, Presses
 from ..fit.silicone import fit_session
-from . import rest
+from . import baseline
 from .hand import material
 from .joint import fit_joint, joint_marks
 from .session_file import Session
@@ -86,9 +86,9 @@ def _made(session: Session, say: Callable[[str], None]) -> file.CalibrationFile:
             "is reported only if readings become untrusted, and 'spots doctor --mark' checks a "
             "position"
         )
-    if light := session.rest:
-        say(rest.described(light, firm))
-        lines += rest.line(light)
+    if light := session.baseline:
+        say(baseline.described(light, firm))
+        lines += baseline.line(light)
     _validate(lines)
     if surface and not surface.taken.force_mN.any():
         lines.append("relative")

@@ -25,7 +25,7 @@ from ..fit.cross_lines import CrossLines
 from ..fit.drift import described
 from ..fit.points import Wanted
 from ..fit.shift import shifted
-from . import rest
+from . import baseline
 from .bench import Bench
 from .calibrate import opened
 from .steps import DARK_S
@@ -98,7 +98,7 @@ def rezero(
     bench.guide.say("taking dark frames: touch nothing")
     reader.set_up(dark_s=DARK_S, untouched=not joint)
     if joint:  # the indenter always presses the strip
-        reader.use_rest(made.lines)
+        reader.use_baseline(made.lines)
     at = slice(1, 2) if quick else slice(None)
     place_um, logs = marks.place_um[at], np.array(marks.logs)
     bench.guide.begin("re-zero", presses * len(place_um), table.conditions.plan, bench.length_um)
@@ -134,7 +134,7 @@ def rezero(
         temperature_C=_mean(before_C, _temperature_C(bench)),
     )
     rezeros = [*made.rezeros, done]
-    lines = rest.replaced(shifted(original, place_um, shifts), reader.rest / longer)
+    lines = baseline.replaced(shifted(original, place_um, shifts), reader.baseline / longer)
     lines = with_thermal(lines, rezeros)
     return replace(made, lines=tuple(lines), original=original, rezeros=rezeros)
 

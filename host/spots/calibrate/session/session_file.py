@@ -55,7 +55,7 @@ def point(wanted: Wanted, reading: Reading, conditions: Conditions, **measured) 
         counts=tuple(reading.counts.tolist()),
         variance=tuple(reading.variance.tolist()),
         saturated=reading.saturated,
-        rest=tuple(reading.rest.round(4).tolist()) if reading.rest.any() else (),
+        baseline=tuple(reading.baseline.round(4).tolist()) if reading.baseline.any() else (),
         time=datetime.now(timezone.utc).isoformat(timespec="seconds"),
         **measured,
     )
@@ -302,10 +302,10 @@ class Session:
         return max((p.place_um for p in whole), default=None)
 
     @property
-    def rest(self) -> tuple[float, ...]:
+    def baseline(self) -> tuple[float, ...]:
         """Light of the untouched strip that the last press was taken with, see `Point`."""
         fixed = [p for p in self.points if p.kind not in ("choose", "strain", "joint")]
-        return fixed[-1].rest if fixed else ()
+        return fixed[-1].baseline if fixed else ()
 
     @property
     def conditions(self) -> Conditions | None:

@@ -1,8 +1,8 @@
 """Reads the dark-subtracted counts of a steady press from a board.
 
 Dark-subtracted counts are counts minus those of the dark frame, which is taken with the LED off.
-Light that crosses between the guides without a press (*rest*, for example at dust) is subtracted,
-too.
+Light that crosses between the guides without a press (the *baseline*, for example at dust) is
+subtracted, too.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Reading:
         Change of the brightness from the first half of the samples to the second, in log2 units.
     saturated : bool
         Whether at least one channel was saturated.
-    rest : numpy.ndarray, shape (6,)
+    baseline : numpy.ndarray, shape (6,)
         Light of the untouched strip that was subtracted from `counts`, see `SpectrumReader`.
     """
 
@@ -63,7 +63,7 @@ class Reading:
     variance: np.ndarray
     drift: float
     saturated: bool
-    rest: np.ndarray = field(default_factory=lambda: np.zeros(CHANNELS))
+    baseline: np.ndarray = field(default_factory=lambda: np.zeros(CHANNELS))
 
     @property
     def dark(self) -> bool:
@@ -86,7 +86,7 @@ def mean(readings: list[Reading]) -> Reading:
         np.mean([r.variance for r in readings], axis=0),
         readings[-1].drift,
         any(r.saturated for r in readings),
-        readings[-1].rest,
+        readings[-1].baseline,
     )
 
 
@@ -103,16 +103,16 @@ class SpectrumReader:
 
     Attributes
     ----------
-    rest : numpy.ndarray, shape (6,)
+    baseline : numpy.ndarray, shape (6,)
         Light of the untouched strip in counts of a sample, without the dark frame; subtracted from
         all samples. 0 if it was not measured, or if noise alone can cause it.
     """
 
     def __init__(self, board: Board):
         self.board = board
-        self.rest = np.zeros(CHANNELS)
+        self.baseline = np.zeros(CHANNELS)
         self._average = 1
-        self._rests: dict[Conditions, np.ndarray] = {}
+        self._baselines: dict[Conditions, np.ndarray] = {}
         self.set_up()
 
     def __enter__(self) -> SpectrumReader:
@@ -124,7 +124,7 @@ class SpectrumReader:
     def set_up(self, line: str = "", dark_s: float = 0.0, untouched: bool = False) -> None:
         """Change settings of the board, then read all its settings and take the dark frame.
 
-        `rest` becomes what was last measured at these settings.
+        `baseline` becomes what was last measured at these settings.
 
         Parameters
         ----------
@@ -133,7 +133,7 @@ class SpectrumReader:
         dark_s : float
             Total exposure of the dark frames to average, in s; at least one frame is taken.
         untouched : bool
-            Whether nothing presses the strip, so that `rest` can be measured.
+            Whether nothing presses the strip, so that `baseline` can be measured.
 
         Raises
         ------
@@ -148,14 +148,14 @@ class SpectrumReader:
             self.board.command("set average=1")
             self.info = self.board.command("hello")
         darks = max(1, round(1e6 * dark_s / (DARK_SAMPLES * self.info["exposure_us"])))
-        self.rest = self._rests.get(self.conditions, np.zeros(CHANNELS))
+        self.baseline = self._baselines.get(self.conditions, np.zeros(CHANNELS))
         self.board.command("stream spectrum")
         if untouched:
-            self._measure_rest(darks)
+            self._measure_baseline(darks)
         else:
             self._dark = np.mean([self._dark_frame() for _ in range(darks)], axis=0)
 
-    def use_rest(self, lines: Iterable[str]) -> None:
+    def use_baseline(self, lines: Iterable[str]) -> None:
         """Use the light of the untouched strip in a calibration, at the present exposure.
 
         Parameters
@@ -165,19 +165,19 @@ class SpectrumReader:
         """
         made = Calibration(lines)
         longer = self.conditions.exposure_us / made.conditions.exposure_us
-        self.rest = np.array(made.rest or [0] * CHANNELS) / DARK_SAMPLES * longer
-        self._rests[self.conditions] = self.rest
+        self.baseline = np.array(made.baseline or [0] * CHANNELS) / DARK_SAMPLES * longer
+        self._baselines[self.conditions] = self.baseline
 
     def _dark_frame(self) -> np.ndarray:
         return np.array(self.board.command("dark", timeout_s=30)["dark"]) / DARK_SAMPLES
 
-    def _measure_rest(self, darks: int) -> None:
+    def _measure_baseline(self, darks: int) -> None:
         """Take `darks` dark frames, and lit samples before and after each.
 
         Ambient light is equal before and after a frame, or its change is included in the error.
         """
         count = max(_REST_SAMPLES, round(_REST_S * 1e6 / self.info["exposure_us"]))
-        self.rest = self._dark = np.zeros(CHANNELS)
+        self.baseline = self._dark = np.zeros(CHANNELS)
         rows = []
         for _ in range(darks):
             before, _ = self.samples(count)
@@ -192,8 +192,8 @@ class SpectrumReader:
         moved = ((after - before).sum(axis=1) / 2) ** 2
         sigma = np.sqrt((noise * shares + moved.mean()) / darks)
         if found.sum() > _REST_SIGMAS * sigma:
-            self.rest = found.clip(0)
-        self._rests[self.conditions] = self.rest
+            self.baseline = found.clip(0)
+        self._baselines[self.conditions] = self.baseline
 
     @property
     def _dark_samples(self) -> int:
@@ -229,7 +229,7 @@ class SpectrumReader:
             )
         saturated = any(frame.flags & SATURATED for frame in frames)
         counts = np.array([frame.counts for frame in frames], dtype=float)
-        return counts - self._dark_at(frames, darks) - self.rest, saturated
+        return counts - self._dark_at(frames, darks) - self.baseline, saturated
 
     @contextmanager
     def watched(self) -> Iterator[None]:
@@ -331,4 +331,4 @@ class SpectrumReader:
         variance = np.zeros_like(mean)
         if lit.sum() >= _CHANNELS_MIN:
             variance[lit] = own_variance(samples[:, lit])
-        return Reading(mean, variance, float(drift), clipped, self.rest)
+        return Reading(mean, variance, float(drift), clipped, self.baseline)

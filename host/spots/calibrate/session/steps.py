@@ -20,7 +20,7 @@ from ..fit.choose import choose, passes
 from ..fit.fit import PLACES_MIN
 from ..fit.points import Wanted, presses
 from ..fit.presses import FIRM_MN, FORCE_PLACES, FULL_MN, MARKS, Noise
-from . import carry, rest
+from . import baseline, carry
 from .bench import BadPressError, Bench, judge_force, judge_place
 from .dialog import UndoError
 from .hand import by_hand
@@ -158,10 +158,10 @@ class _Steps:
         guide.say("taking dark frames: touch nothing")
         self.bench.part()
         reader.set_up(dark_s=dark_s, untouched=True)
-        if reader.rest.any():
+        if reader.baseline.any():
             guide.say(
-                f"light without a press, up to {reader.rest.max():.1f} counts: dust, or the guides "
-                "touch; it is subtracted"
+                f"light without a press, up to {reader.baseline.max():.1f} counts: dust, or the "
+                "guides touch; it is subtracted"
             )
 
     def settle(self, options: argparse.Namespace, kind: str) -> None:
@@ -183,7 +183,7 @@ class _Steps:
             reader.set_up("plan=" + options.plan)
         if not session.points and not options.keep_settings:
             self._mains()
-            self._auto(0.0 if kind == "rough" else FULL_MN)
+            self._autoexpose(0.0 if kind == "rough" else FULL_MN)
         # With an LED that is always on, each plan would need its own dark frame.
         places = _CHOOSE_PLACES.get(kind)
         if places and not wanted_plan and reader.info["led"] != "always":
@@ -199,12 +199,12 @@ class _Steps:
             ensured(reader.board, "save")  # a later run then sets the same exposure
             guide.say(f"lamps flicker at {2 * mains_hz} Hz: mains_hz={mains_hz}")
 
-    def _auto(self, force_mN: float) -> None:
+    def _autoexpose(self, force_mN: float) -> None:
         bench = self.bench
         self.untouched()
         self._begin("exposure", 1)
         bench.take(Wanted(kind="choose", place_um=_SENSOR_END_UM, force_mN=force_mN))
-        found = bench.reader.board.command("auto", timeout_s=60)
+        found = bench.reader.board.command("autoexpose", timeout_s=60)
         kind = found["led"]
         if kind == "always":
             bench.presser.release()
@@ -231,8 +231,8 @@ class _Steps:
             return
         bench.release()
         self.untouched()
-        light = bench.reader.rest
-        reading = replace(reading, counts=reading.counts - light, rest=light)
+        light = bench.reader.baseline
+        reading = replace(reading, counts=reading.counts - light, baseline=light)
         wanted = Wanted(kind="hand", place_um=_SENSOR_END_UM, force_mN=0.0)
         if read := bench.presser.read_off(wanted, bench.length_um):
             self._add(read, reading, length_um=bench.length_um)
@@ -264,7 +264,7 @@ class _Steps:
                 self.session.add(
                     point(wanted, reading, reader.conditions, length_um=self.bench.length_um)
                 )
-            rest.check(self.session)
+            baseline.check(self.session)
             self.bench.guide.taken(wanted, reading)
             self.bench.release()
         measured = tuple(
@@ -358,7 +358,7 @@ class _Steps:
             bench.reader.restore()
             file.send(board, calibration)
         bench.reader.set_up(dark_s=DARK_S)
-        bench.reader.use_rest(calibration.lines)  # the indenter always presses the strip
+        bench.reader.use_baseline(calibration.lines)  # the indenter always presses the strip
         board.command("stream touch spectrum")
         self._begin("joint", 2 * count)
         upwards = np.linspace(0, 1, count).tolist()
@@ -414,7 +414,7 @@ class _Steps:
 
     def _add(self, wanted: Wanted, reading: Reading, **measured) -> None:
         self.session.add(point(wanted, reading, self.bench.reader.conditions, **measured))
-        rest.check(self.session)
+        baseline.check(self.session)
         self.bench.guide.taken(wanted, reading)
 
     def _judge(self, wanted: Wanted, noise: Noise | None, reading: Reading) -> None:

@@ -24,30 +24,30 @@ _SHARE_MAX = 0.1
 _FIRM_SHARES, _SPREAD = (0.7, 1.5), 0.5
 
 
-def line(rest: Iterable[float]) -> list[str]:
+def line(baseline: Iterable[float]) -> list[str]:
     """Return the line `rest` of a calibration; no line if there is no such light.
 
     Parameters
     ----------
-    rest : iterable of float
+    baseline : iterable of float
         Light of the untouched strip: counts of a sample for each channel, or nothing.
 
     Returns
     -------
     list of str
     """
-    sums = [round(DARK_SAMPLES * one) for one in rest]
+    sums = [round(DARK_SAMPLES * one) for one in baseline]
     return [" ".join(["rest", *map(str, sums)])] if any(sums) else []
 
 
-def replaced(lines: Iterable[str], rest: Iterable[float]) -> list[str]:
+def replaced(lines: Iterable[str], baseline: Iterable[float]) -> list[str]:
     """Return lines of a calibration with another line `rest`, or without one.
 
     Parameters
     ----------
     lines : iterable of str
         Lines of the calibration.
-    rest : iterable of float
+    baseline : iterable of float
         Light of the untouched strip, as for `line`.
 
     Returns
@@ -55,15 +55,15 @@ def replaced(lines: Iterable[str], rest: Iterable[float]) -> list[str]:
     list of str
     """
     kept = [one for one in lines if not one.startswith("rest ")]
-    return kept + line(rest)
+    return kept + line(baseline)
 
 
-def described(rest: Iterable[float], firm: Presses) -> str:
+def described(baseline: Iterable[float], firm: Presses) -> str:
     """Return where the light without a press comes from, and how bright it is.
 
     Parameters
     ----------
-    rest : iterable of float
+    baseline : iterable of float
         Light of the untouched strip: counts of a sample for each channel.
     firm : Presses
         Firm presses at two or more places.
@@ -77,7 +77,7 @@ def described(rest: Iterable[float], firm: Presses) -> str:
     CalibrationError
         If the light is too bright to be subtracted.
     """
-    place_um, share = _found(np.array(list(rest)), firm)
+    place_um, share = _found(np.array(list(baseline)), firm)
     where = f"light at {place_um / 1000:.0f} mm without a press: dust, or the guides touch"
     if share > _SHARE_MAX:
         raise CalibrationError(
@@ -112,18 +112,18 @@ def check(session: Session) -> None:
         and (not p.force_mN or low_mN <= p.force_mN <= high_mN)
     ]
     places_um = [p.place_um for p in firm]
-    if last.rest and firm and np.ptp(places_um) >= _SPREAD * (session.length_um or np.inf):
-        described(last.rest, presses(firm))
+    if last.baseline and firm and np.ptp(places_um) >= _SPREAD * (session.length_um or np.inf):
+        described(last.baseline, presses(firm))
 
 
-def _found(rest: np.ndarray, firm: Presses) -> tuple[float, float]:
+def _found(baseline: np.ndarray, firm: Presses) -> tuple[float, float]:
     order = np.argsort(firm.position_um)
     places, logs = firm.position_um[order], firm.logs[order]
     # The colour changes monotonically from the first place to the last.
     way = logs[-1] - logs[0]
     way = way - way.mean()
     contrasts = np.maximum.accumulate(logs @ way)
-    light = np.log2(np.maximum(rest, 1 / DARK_SAMPLES))
+    light = np.log2(np.maximum(baseline, 1 / DARK_SAMPLES))
     place_um = float(np.interp(light @ way, contrasts, places))
     expected = np.array([np.interp(place_um, places, log) for log in logs.T])
-    return place_um, float(rest.sum() / np.exp2(expected).sum())
+    return place_um, float(baseline.sum() / np.exp2(expected).sum())
