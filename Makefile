@@ -106,6 +106,7 @@ pictures: .venv/test browser
 	@PYTHONPATH=docs $(BIN)/python -m make.pictures
 	@$(BIN)/python docs/make/timings.py
 	@$(BIN)/python docs/make/press.py
+	@$(BIN)/python docs/make/link_states.py
 	@$(BIN)/python docs/make/screenshots.py
 
 paper: .venv/test

@@ -9,7 +9,15 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from make import applications_page, linkage_page, pictures, press, screenshots, timings
+from make import (
+    applications_page,
+    link_states,
+    linkage_page,
+    pictures,
+    press,
+    screenshots,
+    timings,
+)
 
 from spots_sim.measure import survey
 from spots_sim.strip.files import load
@@ -70,11 +78,16 @@ def test_the_pictures(tmp_path, monkeypatch, capsys):
     pictures.main()
     timings.main(tmp_path)
     press.main(tmp_path)
+    link_states.main(tmp_path)
     printed = {Path(line) for line in capsys.readouterr().out.splitlines()}
     assert printed == {*tmp_path.rglob("*.svg")}
     assert {path.relative_to(tmp_path) for path in printed} == {
         path.relative_to(PICTURES) for path in PICTURES.rglob("*.svg")
     }
+
+
+def test_the_picture_of_the_link_has_the_states_and_times_of_the_host():
+    assert (PICTURES / "link_states.svg").read_text(encoding="utf-8") == link_states.document()
 
 
 def test_the_screenshots(tmp_path, monkeypatch):
