@@ -90,7 +90,7 @@ class Terminal(NamedTuple):
         return self.limit.sentence if self.limit else ", ".join(k for k, v in doubts.items() if v)
 
     def message(self) -> dict:
-        """Return the position as a dict for JSON; docs/try/web.md describes its keys."""
+        """Return the position as a dict for JSON, see docs/extend/web-messages.md."""
         return {
             "time_s": self.time_s,
             "x_mm": self.x_mm,

@@ -37,7 +37,8 @@ _TRAIL = 1000
 class TwinFeed:
     """Shows the digital twin of a linkage in the web UI. Two threads may call `take`.
 
-    ``show(value)`` shows a new state, see docs/try/web.md. The joints have the indices 0 and 1.
+    ``show(value)`` shows a new state, see docs/extend/web-messages.md. The joints have the
+    indices 0 and 1.
     """
 
     def __init__(self, twin: Twin, show: Show):

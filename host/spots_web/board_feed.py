@@ -67,7 +67,7 @@ class BoardReader:
         Key layout to show until a request changes the layout.
     state : PageState
         State of the web UI; its parts ``board``, ``touch``, ``spectrum``, ``keys``, ``stick``,
-        ``untrusted``, ``beside`` and ``link`` are set, see docs/try/web.md.
+        ``untrusted``, ``beside`` and ``link`` are set, see docs/extend/web-messages.md.
     search_every_s : float
         Time between two searches for a board, in seconds.
     on_touch : callable

@@ -10,9 +10,9 @@ needs no import of this package. The class must have
     them from ``/panels/NAME/``, with the policy of the web UI: nothing from other machines, and
     no scripts or styles inside of HTML. ``panel.js`` exports a function ``panel(root, request)``.
     It fills the element `root`, and returns a function ``draw(value, state, now_s)``, which draws
-    the newest value; `state` has all parts, see docs/try/web.md. ``request(body)`` sends a
-    request to ``on_request``, and resolves to its answer, or to ``{refused: why}``. The files
-    ``../../static/dom.js`` and ``../../static/controls.js`` help to make elements.
+    the newest value; `state` has all parts, see docs/extend/web-messages.md. ``request(body)``
+    sends a request to ``on_request``, and resolves to its answer, or to ``{refused: why}``. The
+    files ``../../static/dom.js`` and ``../../static/controls.js`` help to make elements.
 
 and is called as ``(show, options)``, where ``show(value)`` replaces the value that browsers draw
 (of JSON types; None hides the panel), and `options` are those of ``spots serve``. It may raise a

@@ -21,7 +21,7 @@ class Cursor(NamedTuple):
 
 
 class PageState:
-    """State of the web UI: values by name, called parts (docs/try/web.md), and a list of events.
+    """State of the web UI: values by name, called parts, and events; docs/extend/web-messages.md.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class PageState:
         Parameters
         ----------
         name : str
-            Name of the part, see docs/try/web.md.
+            Name of the part, see docs/extend/web-messages.md.
         value : object
             New value, of JSON types; None removes the part from the web UI.
         """

@@ -1,4 +1,4 @@
-"""Age of a reading when it is on the screen. ``pytest -s`` prints the values of docs/try/web.md.
+"""Age of a reading on the screen; ``pytest -s`` prints the values of docs/evidence/host-costs.md.
 
 The tests do not assert times, which depend on other programs on the machine. They assert that a
 page draws each reading one time and in order, that it never has more than two unacknowledged

@@ -1,6 +1,6 @@
 """Text commands from the host: one ASCII line each; the reply is one JSON object.
 
-docs/extend/protocol.md describes the commands. An invalid line changes no settings, calibration or
+docs/extend/commands.md describes the commands. An invalid line changes no settings, calibration or
 layout; the reply to it contains an error sentence, and the code of the reason as ``why``. A
 ValueError has this code as its second argument, or gets it from `Commands.handle`. Commands
 allocate memory, which is acceptable because they are rare.

@@ -222,7 +222,7 @@ class Board(AbstractContextManager["Board"]):
         Parameters
         ----------
         line : str
-            Command as in docs/extend/protocol.md, for example ``set exposure_us=10000``.
+            Command as in docs/extend/commands.md, for example ``set exposure_us=10000``.
         timeout_s : float, optional
             Longest time to wait for the reply, in seconds. The default is the longest time that
             this command may take.
@@ -252,7 +252,7 @@ class Board(AbstractContextManager["Board"]):
         Parameters
         ----------
         **settings : int, str or sequence of str
-            Names and values of settings, as in docs/extend/protocol.md. The value of ``plan`` is a
+            Names and values of settings, as in docs/extend/commands.md. The value of ``plan`` is a
             sequence of channel names, or a text with commas between the names. On a board with
             several strips, ``sensor`` selects a strip.
 

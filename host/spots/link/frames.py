@@ -289,7 +289,7 @@ class Text(NamedTuple):
     sensor, sequence, t_us
         See `Touch`; in a reply, `t_us` is the time at which it was sent.
     content : dict
-        The JSON object of the reply or log line, see docs/extend/protocol.md.
+        The JSON object of the reply or log line, see docs/extend/commands.md.
 
     Examples
     --------

@@ -58,7 +58,7 @@ class ReplyingLink(Link, Protocol):
     """A link that replies to commands itself; nothing is written to it, so it is read-only."""
 
     def reply(self, line: str, timeout_s: float) -> dict[str, Any] | None:
-        """Return the reply to a command, as docs/extend/protocol.md describes it.
+        """Return the reply to a command, as docs/extend/commands.md describes it.
 
         Parameters
         ----------

@@ -27,7 +27,7 @@ _Cross = Annotated[
 
 
 class Settings(TypedDict):
-    """Settings of a board, see docs/extend/protocol.md.
+    """Settings of a board, see docs/extend/commands.md.
 
     ``led`` is the way in which the LED is connected, such as "ldr".
     """
@@ -79,7 +79,7 @@ class Hello(Settings):
 
 
 class Get(Settings):
-    """The reply to ``get``: the board's settings and state, see docs/extend/protocol.md.
+    """The reply to ``get``: the board's settings and state, see docs/extend/commands.md.
 
     ``full_scale`` is the largest possible count. ``dark`` is the dark frame, see `DarkFrame`.
     ``missed`` is the number of missed samples. ``fault`` is the reason why the sensor does not

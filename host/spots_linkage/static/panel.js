@@ -1,5 +1,5 @@
 // A five-bar linkage: bars, end point with its error ellipse, and path of the end point.
-// docs/try/web.md describes the message.
+// docs/extend/web-messages.md describes the message.
 import { canvas, colours, list, make } from "../../static/dom.js";
 
 const MARGIN = 24, ERRORS = 3;  // px; size of the drawn error ellipse in standard errors
