@@ -11,8 +11,13 @@ from support.documents import ROOT
 from spots.cli import _parser
 
 TABLE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("\n## Words\n")[2]
-ROW = re.compile(r"^\| (?!word |---)(.+) \| (.+) \| (.+) \|$", re.MULTILINE)
-EXCLUDED = [word for row in ROW.findall(TABLE.partition("\n## ")[0]) for word in row[2].split(", ")]
+ROW = re.compile(r"^\| (?!word )(.+) \| (.+) \| (.*)\|$", re.MULTILINE)
+EXCLUDED = [
+    word
+    for row in ROW.findall(TABLE.partition("\n## ")[0])
+    for word in row[2].strip().split(", ")
+    if word
+]
 WORDS = re.compile(rf"\b(?:{'|'.join(map(re.escape, EXCLUDED))})s?\b", re.IGNORECASE)
 DOCUMENTS = [
     path

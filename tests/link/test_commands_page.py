@@ -8,7 +8,6 @@ import pytest
 from support.documents import ROOT
 
 import spots
-from spots.link.board_errors import REASONS
 from spots_device.board.command import Commands
 from spots_device.board.settings import LIMITS
 from spots_device.keys import layout
@@ -57,17 +56,6 @@ def test_each_field_of_a_reply_has_a_row():
             table = section(PAGE, f"The reply to {command}")
             fields = {*board.command(command)} - {"re", *LIMITS, "led", "plan"}
             assert named(row[0] for row in rows(table)) == fields
-
-
-def test_each_code_of_the_firmware_has_its_meaning():
-    codes = {row[0].strip("`"): row[1] for row in rows(section(PAGE, "Codes of errors"))}
-    sources = (ROOT / "firmware").rglob("*.py")
-    text = "".join(path.read_text(encoding="utf-8") for path in sources)
-    assert {*codes} == {code for code in REASONS if f'"{code}"' in text} | {
-        f"bad_{what}" for what in ("value", "calibration", "layout")
-    }
-    for code, meaning in codes.items():
-        assert meaning.partition(" (")[0] == REASONS[code]
 
 
 def test_each_line_of_a_calibration_has_a_row():
