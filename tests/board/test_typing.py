@@ -17,6 +17,7 @@ from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Key, Touch
+from spots.outputs.usages import KEYBOARD
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.person.stage import Stage
 from spots_sim.person.typist import TypedText, Typist
@@ -222,3 +223,10 @@ def test_letters_by_firm_presses_holds_and_a_layer(play):
     text = "pack my box, type 90!\n"
     somebody.type(text)
     assert play(somebody.touches, "mini").text == text
+
+
+def test_a_key_with_a_modifier_appears_by_what_its_caps_say():
+    typed = TypedText()
+    typed.key(KEYBOARD, 6, 0x41, True)
+    typed.key(KEYBOARD, 6, 0x02, True)
+    assert typed.text == "<Ctrl+AltGr+C>C"

@@ -409,7 +409,7 @@ def test_without_a_calibration_there_is_no_re_zero(table, open_page):
     expect(page.locator("#calibration .kind[value=rezero]")).to_be_hidden()
     assert table.send({"do": "start", "kind": "rezero", "length_mm": 85.0})[0] == 204
     note = page.locator("#calibration .note.warn").first
-    expect(note).to_contain_text("make it with 'spots calibrate'", timeout=LONG_MS)
+    expect(note).to_contain_text("or make it with 'spots calibrate'", timeout=LONG_MS)
 
 
 @pytest.mark.parametrize(

@@ -252,7 +252,10 @@ def load(path: Path) -> CalibrationFile:
     try:
         text = read_text(path)
     except FileNotFoundError:
-        raise FileError(f"there is no file {path}: make it with 'spots calibrate'", path) from None
+        raise FileError(
+            f"there is no file {path}: change to its folder, or make it with 'spots calibrate'",
+            path,
+        ) from None
     except UnicodeDecodeError as error:
         kinds.check(path, error.object, "a calibration file")
         raise FileError(f"{path} is damaged: {_AGAIN}", path) from None

@@ -48,7 +48,9 @@ def check(name: str) -> None:
             name,
         )
     keys = sum(len(row) for row in layout.layers.values())
-    print(f"{printable(layout.name)}: {keys} keys in {len(layout.layers)} layers, no problem found")
+    many = len(layout.layers)
+    layers = "1 layer" if many == 1 else f"{many} layers"
+    print(f"{printable(layout.name)}: {keys} keys in {layers}, no problem found")
 
 
 def show(name: str) -> None:

@@ -26,6 +26,7 @@ from ..outputs.usages import (
     USAGES,
     is_modifier,
     name_of,
+    on_caps,
 )
 from . import hosts, reach
 from .writing import Writing
@@ -511,7 +512,7 @@ class _Compiler:
         return " ".join(characters) if len(characters) > 1 else written[0] if written else ""
 
     def _written(self, action: int) -> str:
-        kind, number, _ = parts_of(action)
+        kind, number, modifiers = parts_of(action)
         if kind == lines_of.BEHAVIOUR:
             one = self._behaviours[number]
             if one.numbers[0] in (lines_of.HOLD_TAP, lines_of.STICKY):
@@ -523,8 +524,10 @@ class _Compiler:
         if kind in LAYER_VERBS.values():
             return self._names[number]
         shown = self._writing.shown
-        known = shown.get(action) or shown.get(lines_of.action(kind, number))
-        return known or typed(kind, number) or name_of(kind, number)
+        if action in shown:
+            return shown[action]
+        key = shown.get(lines_of.action(kind, number)) or typed(kind, number)
+        return on_caps(modifiers) + (key or name_of(kind, number))
 
     def _check_ways(self, layers: dict[str, list[PlacedKey]], used: set[int]) -> None:
         verbs = LAYER_VERBS.values()

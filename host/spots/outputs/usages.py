@@ -160,6 +160,12 @@ def name_of(page: int, usage: int) -> str:
     return named or f"usage {page}:0x{usage:02X}"
 
 
+def on_caps(modifiers: int) -> str:
+    """Return what keyboards print on the keys of these modifiers, such as ``Ctrl+``."""
+    names = "Ctrl", "Shift", "Alt", "GUI", "Ctrl", "Shift", "AltGr", "GUI"
+    return "".join(f"{name}+" for i, name in enumerate(names) if modifiers >> i & 1)
+
+
 def is_modifier(page: int, usage: int) -> bool:
     """Return whether a key is a modifier key.
 

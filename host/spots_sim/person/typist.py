@@ -8,7 +8,7 @@ import numpy as np
 
 from spots.errors import SettingError
 from spots.keyboard.layout import KeyLayout, parts_of
-from spots.outputs.usages import KEYBOARD, USAGES, name_of, usage_of
+from spots.outputs.usages import KEYBOARD, USAGES, name_of, on_caps, usage_of
 from spots_device.keys import layout as lines_of
 
 from ..strip.files import Finger, ScenarioFile
@@ -46,7 +46,7 @@ class TypedText:
         if name == "BACKSPACE":
             self.text = self.text[:-1]
         else:
-            self.text += _character(page, usage, modifiers) or f"<{name}>"
+            self.text += _character(page, usage, modifiers) or f"<{on_caps(modifiers)}{name}>"
 
 
 def _character(page: int, usage: int, modifiers: int) -> str | None:
