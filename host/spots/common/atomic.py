@@ -38,13 +38,8 @@ _ANY = object()
 class Kind(NamedTuple):
     """A kind of file that a writer may replace, so that it never replaces a file of another kind.
 
-    Attributes
-    ----------
-    name : str
-        Name of the kind for error messages, such as "a calibration file".
-    read : callable
-        ``read(path)`` returns the content of a file, or raises SpotsError if the file is of another
-        kind.
+    `name` has its article: "a calibration file". ``read(path)`` returns the content of a file, or
+    raises SpotsError if the file is of another kind.
     """
 
     name: str
@@ -53,20 +48,9 @@ class Kind(NamedTuple):
     def check(self, path: str | Path, was: Any = _ANY) -> None:
         """Check that a file may be replaced: that it has this kind, is empty, or does not exist.
 
-        Parameters
-        ----------
-        path : str or Path
-            Name of the file.
-        was : object, optional
-            What `read` returned when the caller read the file; None if the file did not exist. If
-            the file exists and has another content now, it must not be replaced.
-
-        Raises
-        ------
-        FileError
-            If the file has another kind.
-        ChangedError
-            If the file has another content than `was`.
+        `was` is what `read` returned when the caller read the file; None if the file did not exist.
+        FileError if the file has another kind; ChangedError if it has another content than `was`
+        now.
         """
         path = Path(path)
         try:
@@ -87,19 +71,7 @@ class Kind(NamedTuple):
     def present(self, path: Path) -> Any:
         """Return what a new file would replace, as `read` returns it; None if that is nothing.
 
-        Parameters
-        ----------
-        path : Path
-            Name of the file.
-
-        Returns
-        -------
-        object or None
-
-        Raises
-        ------
-        SpotsError
-            If the file has another kind.
+        FileError if the file has another kind.
         """
         self.check(path)
         return self.read(path) if _has_content(path) else None
@@ -115,19 +87,7 @@ def _has_content(path: Path) -> bool:
 
 
 def begins(name: str, *heads: bytes) -> Kind:
-    """Return the `Kind` of files that begin with one of several byte strings.
-
-    Parameters
-    ----------
-    name : str
-        Name of the kind for error messages, such as "a PNG picture".
-    *heads : bytes
-        First bytes of such a file.
-
-    Returns
-    -------
-    Kind
-    """
+    """Return the `Kind` of files that begin with one of several byte strings."""
 
     def read(path: Path) -> None:
         with open_regular(path) as file:
@@ -138,18 +98,7 @@ def begins(name: str, *heads: bytes) -> Kind:
 
 
 def distinct(named: Mapping[str, Path]) -> None:
-    """Check that options name different files, because a command writes to each of them.
-
-    Parameters
-    ----------
-    named : mapping of str to Path
-        The file that each option names.
-
-    Raises
-    ------
-    SettingError
-        If two options name the same file.
-    """
+    """Check that options name different files, because a command writes to each of them."""
     options: dict[Path, str] = {}
     for option, path in named.items():
         other = options.setdefault(path.resolve(), option)
@@ -170,32 +119,10 @@ def replacing(
     """Create or replace a file atomically, when a ``with`` block ends without an exception.
 
     A symbolic link with this name is replaced and not followed. The permissions of a replaced file
-    are kept.
-
-    Parameters
-    ----------
-    path : str or Path
-        Name of the file.
-    over : Kind or None
-        Kind of file that may be replaced. If None, an existing file is an error.
-    mode : str
-        ``b`` for a binary file, ``t`` for text.
-    was : object, optional
-        What the caller read from the file before, see `Kind.check`.
-    locked : bool
-        Whether the caller already holds the lock of the file, see `locks.held`.
-    **options
-        Further options of `open`, such as ``encoding``.
-
-    Yields
-    ------
-    file object
-        The open file, to write to.
-
-    Raises
-    ------
-    SpotsError
-        If the file cannot be written or must not be replaced. An existing file is unchanged.
+    are kept. Without `over`, an existing file is an error; `was` is that of `Kind.check`. `mode` is
+    ``b`` or ``t``. With `locked`, the caller already holds the lock of the file, see `locks.held`.
+    The options are those of `open`. FileError if the file cannot be written or must not be
+    replaced; an existing file is unchanged.
     """
     path = Path(path)
     part = path.parent / f"{_PREFIX}{secrets.token_hex(8)}{_SUFFIX}"
@@ -230,23 +157,9 @@ def replacing(
 
 
 def write_text(text: str, path: str | Path, over: Kind | None, **options) -> None:
-    """Create or replace a text file atomically.
+    """Create or replace a text file atomically, see `replacing`.
 
-    Parameters
-    ----------
-    text : str
-        Content of the file. Line ends are written unchanged.
-    path : str or Path
-        Name of the file. A symbolic link with this name is replaced and not followed.
-    over : Kind or None
-        Kind of file that may be replaced. If None, an existing file is an error.
-    **options
-        ``was`` and ``locked`` of `replacing`.
-
-    Raises
-    ------
-    SpotsError
-        If the file cannot be written or must not be replaced. An existing file is unchanged.
+    Line ends are written unchanged.
     """
     with replacing(path, over, "t", encoding="utf-8", newline="\n", **options) as file:
         file.write(text)
@@ -261,19 +174,8 @@ def sync(file: IO) -> None:
 def append(path: Path, data: bytes, end: int | None = None) -> None:
     """Append bytes to a file, or create it, and wait until they are on the storage medium.
 
-    Parameters
-    ----------
-    path : Path
-        Name of the file. The caller holds its lock, see `locks.held`.
-    data : bytes
-        Bytes to append.
-    end : int, optional
-        Size to cut the file to before, if its end is incomplete; in bytes.
-
-    Raises
-    ------
-    OSError
-        If the bytes cannot be written. The file then has none of them.
+    The caller holds the file's lock, see `locks.held`. The file is cut to the size `end` before, if
+    its end is incomplete. After an OSError, the file has none of the bytes.
     """
     # Unbuffered: after an error, a buffer would be written again when the file is closed.
     with open(path, "ab", buffering=0) as file:
@@ -298,11 +200,7 @@ def folder(parent: Path) -> Iterator[Path]:
     """Make a staging directory in the folder `parent`, and remove the directory on exit.
 
     A caller completes a new folder in this directory, then moves the new folder to its final path.
-
-    Raises
-    ------
-    OSError
-        If the directory cannot be created.
+    OSError if the directory cannot be created.
     """
     _sweep(parent, os.DirEntry.is_dir, shutil.rmtree)
     with (
@@ -316,19 +214,7 @@ def folder(parent: Path) -> Iterator[Path]:
 
 
 def not_written(path: Path, error: OSError) -> SpotsError:
-    """Return the error for a file that cannot be written.
-
-    Parameters
-    ----------
-    path : Path
-        Name of the file.
-    error : OSError
-        The reason.
-
-    Returns
-    -------
-    SpotsError
-    """
+    """Return the error for a file that cannot be written."""
     if not path.parent.is_dir():
         return FileError(f"there is no folder {path.parent}: make it first", path.parent)
     reason = error.strerror or error
@@ -338,19 +224,8 @@ def not_written(path: Path, error: OSError) -> SpotsError:
 def check_writable(path: Path, over: Kind | None = None, *, append: bool = False) -> None:
     """Check that a file can be created or replaced, before work whose result goes into the file.
 
-    Parameters
-    ----------
-    path : Path
-        Name of the file. File and folder are unchanged.
-    over : Kind, optional
-        Kind of file that may be replaced.
-    append : bool
-        Whether the file will be appended to instead of replaced.
-
-    Raises
-    ------
-    SpotsError
-        If the file cannot be written, or is of another kind.
+    File and folder are unchanged. With `append`, the file will be appended to instead of replaced.
+    FileError if the file cannot be written, or is of another kind than `over`.
     """
     try:
         kept = _kept_mode(path)
@@ -397,18 +272,7 @@ def _kept_mode(path: Path) -> int | None:
 
 
 def _sweep(parent: Path, is_kind: Callable[..., bool], remove: Callable[[str], None]) -> None:
-    """Remove temporary files or folders that killed processes left more than an hour ago.
-
-    Parameters
-    ----------
-    parent : Path
-        Folder to search.
-    is_kind : callable
-        ``is_kind(entry, follow_symlinks=False)`` tests whether an `os.DirEntry` is a file, or is
-        a folder.
-    remove : callable
-        ``remove(path)`` removes a file or a folder.
-    """
+    """Remove temporary files or folders that killed processes left more than an hour ago."""
     with suppress(OSError), os.scandir(parent) as entries:
         for entry in entries:
             if _PART.fullmatch(entry.name) and is_kind(entry, follow_symlinks=False):

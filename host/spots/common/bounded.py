@@ -29,12 +29,8 @@ _FLAGS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
 def open_regular(path: str | Path) -> BinaryIO:
     """Open a regular file for reading; never block on a pipe, and never open a device.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be opened.
-    SpotsError
-        If the path names a pipe, a device or a socket, or a link to one.
+    OSError if the file cannot be opened; FileError if the path names a pipe, a device or a socket,
+    or a link to one.
     """
     path = path_text(path, "the path of a file")
     _check_regular(path, os.stat(path).st_mode)  # opening a device can be enough to disturb it
@@ -50,23 +46,7 @@ def open_regular(path: str | Path) -> BinaryIO:
 def read_bytes(path: str | Path, max_bytes: int) -> bytes:
     """Return the content of a file whose size has a limit.
 
-    Parameters
-    ----------
-    path : str or Path
-        Path of a regular file.
-    max_bytes : int
-        Largest allowed size of the file, in bytes.
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read.
-    FileError
-        If the file is not a regular file, or is larger than `max_bytes`.
+    OSError if the file cannot be read; FileError if it is not a regular file, or is larger.
     """
     with open_regular(path) as file:
         data = file.read(max_bytes + 1)
@@ -82,21 +62,7 @@ def read_bytes(path: str | Path, max_bytes: int) -> bytes:
 def read_text(path: str | Path, max_bytes: int = TOML_MAX_BYTES) -> str:
     r"""Return the content of a text file with ``\n`` as line ends; see `read_bytes`.
 
-    Parameters
-    ----------
-    path : str or Path
-        Path of a regular file.
-    max_bytes : int
-        Largest allowed size of the file, in bytes.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    UnicodeDecodeError
-        If the file is not text, see `encoding_of`.
+    UnicodeDecodeError if the file is not text, see `encoding_of`.
     """
     data = read_bytes(path, max_bytes)
     mark, encoding = encoding_of(data)
@@ -105,19 +71,9 @@ def read_text(path: str | Path, max_bytes: int = TOML_MAX_BYTES) -> str:
 
 
 def encoding_of(data: bytes) -> tuple[bytes, str]:
-    """Return the byte order mark and the encoding of a text file.
+    """Return a text file's byte order mark (or b""), and the encoding of the rest.
 
-    Parameters
-    ----------
-    data : bytes
-        Content of the file.
-
-    Returns
-    -------
-    mark : bytes
-        The byte order mark with which the file begins; empty without one.
-    encoding : str
-        Encoding of the rest, for `bytes.decode`: UTF-16 if the mark shows it, else UTF-8.
+    The encoding is UTF-16 if the mark shows it, else UTF-8.
     """
     for mark, encoding in _ENCODINGS.items():
         if data.startswith(mark):

@@ -14,16 +14,9 @@ _TEXT_MAX = 200
 class Guarded:
     """Wraps a function for a thread or a callback: its exceptions are reported, not raised.
 
-    Without this class, an exception would end the thread.
-
-    Parameters
-    ----------
-    function : callable
-        Function to call.
-    name : str
-        Subject of the message, such as "the reader of a board".
-    on_failure : callable, optional
-        Called with each message. A message is also printed on stderr, at most every 10 s.
+    Without this class, an exception would end the thread. `name` is the subject of the message,
+    such as "the reader of a board". `on_failure` gets each message; it is also printed on stderr,
+    at most every 10 s.
     """
 
     def __init__(self, function: Callable, name: str, on_failure: Callable = lambda text: None):
@@ -51,19 +44,9 @@ class Guarded:
 
 
 def sentence_of(name: str, error: Exception) -> str:
-    """Return a message about an exception: what failed, where and why, in one line.
+    """Return a message about an exception in one printable line: what failed, where and why.
 
-    Parameters
-    ----------
-    name : str
-        Subject of the message, such as "the reader of a board".
-    error : Exception
-        The exception, with its traceback.
-
-    Returns
-    -------
-    str
-        Printable text of bounded length.
+    `name` is the subject, such as "the reader of a board". The length is bounded.
     """
     trace = error.__traceback__
     while trace.tb_next:

@@ -42,10 +42,7 @@ _KEY = re.compile(r"^[ \t]*(\w+)[ \t]*=", re.MULTILINE)
 def kinds_of(data: bytes | str) -> list[str]:
     """Return the kinds that a file may have, each with its article; empty if none is recognised.
 
-    Parameters
-    ----------
-    data : bytes or str
-        Content of the file, or its beginning.
+    The data are the content of the file, or its beginning.
     """
     if isinstance(data, bytes):
         found = [kind for start, kind in _BEGINNINGS.items() if data.startswith(start)]
@@ -64,23 +61,10 @@ def kinds_of(data: bytes | str) -> list[str]:
 
 
 def check(path: object, data: bytes | str, wanted: str) -> None:
-    """Check that a file that cannot be parsed is not of another kind.
+    """FileError if a file that cannot be parsed is recognised, but not as the wanted kind.
 
-    If its kind is unknown, the caller reports the error of parsing.
-
-    Parameters
-    ----------
-    path : object
-        Path of the file, for the message.
-    data : bytes or str
-        Content of the file, or its beginning.
-    wanted : str
-        The wanted kind with its article, such as "a layout file".
-
-    Raises
-    ------
-    FileError
-        If the file is recognised, but not as the wanted kind.
+    If its kind is unknown, the caller reports the error of parsing. `wanted` has its article, such
+    as "a layout file".
     """
     found = kinds_of(data)
     if found and wanted not in found:
@@ -90,18 +74,7 @@ def check(path: object, data: bytes | str, wanted: str) -> None:
 def not_read(path: str | Path, error: OSError | UnicodeDecodeError, wanted: str) -> SpotsError:
     """Return the error for a file that exists but cannot be read as text.
 
-    Parameters
-    ----------
-    path : str or Path
-        Path of the file.
-    error : OSError or UnicodeDecodeError
-        Error of the attempt to read the file.
-    wanted : str
-        The wanted kind with its article, such as "a layout file".
-
-    Returns
-    -------
-    SpotsError
+    `wanted` has its article, such as "a layout file".
     """
     if isinstance(error, UnicodeDecodeError):
         try:

@@ -34,15 +34,7 @@ else:
 def lock(handle: int) -> bool:
     """Lock an open file until it is closed; return False if another open file has the lock.
 
-    Parameters
-    ----------
-    handle : int
-        File descriptor of an open file, at its start.
-
-    Raises
-    ------
-    OSError
-        If the file system has no locks.
+    The file must be at its start. OSError if the file system has no locks.
     """
     try:
         _lock(handle)
@@ -58,25 +50,9 @@ def held(path: Path, wait_s: float = 0.0) -> Iterator[None]:
     """Hold the lock of a file's name, so that no other program of this package changes the file.
 
     The lock is on an empty file ``.NAME.lock`` in the same folder, which is removed on exit. So the
-    lock survives if the file itself is replaced or removed.
-
-    Parameters
-    ----------
-    path : Path
-        The file, which need not exist.
-    wait_s : float
-        Longest wait for another program that holds the lock, in s.
-
-    Yields
-    ------
-    None
-
-    Raises
-    ------
-    InUseError
-        If another program holds the lock.
-    OSError
-        If the folder cannot be written.
+    lock survives if the file itself is replaced or removed; the file need not exist. InUseError if
+    another program holds the lock for longer than `wait_s`; OSError if the folder cannot be
+    written.
     """
     real = path.resolve()
     beside = real.with_name(f".{real.name}.lock")

@@ -80,16 +80,7 @@ class PressSpectra:
     def changes(self, x_um: np.ndarray, light: np.ndarray) -> np.ndarray:
         """Return the changes of log2 of the counts with the force, for n presses; shape (n, 6).
 
-        Parameters
-        ----------
-        x_um : numpy.ndarray, shape (n,)
-            Positions in um.
-        light : numpy.ndarray, shape (n,)
-            Brightnesses in log2 units, minus that of a firm press.
-
-        Returns
-        -------
-        numpy.ndarray
+        `light` is the brightness in log2 units, minus that of a firm press.
         """
         if self._tint is None:
             return np.zeros((len(x_um), CHANNELS))
@@ -100,20 +91,8 @@ class PressSpectra:
     ) -> np.ndarray:
         """Return the part of a residual that a known change with the temperature explains.
 
-        The board shifts its tables with the temperature, so this part is no error.
-
-        Parameters
-        ----------
-        x_um : float
-            Position of the press, in um.
-        residual, variance : numpy.ndarray, shape (n,)
-            log2 of the counts minus the expected ones, and its variance.
-        channels : list of int
-            Indices of these n channels.
-
-        Returns
-        -------
-        numpy.ndarray, shape (n,)
+        The board shifts its tables with the temperature, so this part is no error. The residual is
+        log2 of the counts minus the expected ones, for the given indices of channels, shape (n,).
         """
         if self._warm is None:
             return np.zeros(len(channels))
@@ -143,17 +122,7 @@ def press_spectra(lines: Sequence[str] | None) -> PressSpectra | None:
 
 
 def without(lines: Iterable[str]) -> list[str]:
-    """Return the lines of a calibration without those that only the host uses.
-
-    Parameters
-    ----------
-    lines : iterable of str
-        Lines of a calibration.
-
-    Returns
-    -------
-    list of str
-    """
+    """Return the lines of a calibration without those that only the host uses."""
     return [line for line in lines if line.split(" ")[0] not in (_NAME, _TINT)]
 
 
@@ -165,16 +134,7 @@ def _powers(share: np.ndarray, count: int) -> np.ndarray:
 def statements(ends_um: Sequence[float], logs: Callable[[np.ndarray], np.ndarray]) -> list[str]:
     """Return the lines ``spectrum`` of a calibration.
 
-    Parameters
-    ----------
-    ends_um : pair of float
-        First and last position, in um.
-    logs : callable
-        ``logs(x_um)`` returns log2 of the counts of firm presses at n positions, shape (n, 6).
-
-    Returns
-    -------
-    list of str
+    ``logs(x_um)`` returns log2 of the counts of firm presses at n positions, shape (n, 6).
     """
     low, high = ends_um
     place_um = np.round(low + (high - low) * (1 + chebyshev.chebpts2(_PLACES)) / 2)
@@ -189,18 +149,8 @@ def tint_statements(
 ) -> list[str]:
     """Return the lines ``tint`` of a calibration.
 
-    Parameters
-    ----------
-    ends_um : pair of float
-        First and last position, in um.
-    lights : tuple of (float, float)
-        Least and largest brightness, see `PressSpectra.changes`.
-    logs : callable
-        ``logs(x_um, light)`` returns the changes of n presses, shape (n, 6).
-
-    Returns
-    -------
-    list of str
+    `lights` are least and largest brightness, see `PressSpectra.changes`; ``logs(x_um, light)``
+    returns the changes of n presses, shape (n, 6).
     """
     places = np.linspace(ends_um[0], ends_um[1], _TINT_PLACES)
     nodes = (1 + chebyshev.chebpts2(_TINT_LIGHTS)) / 2
@@ -218,14 +168,6 @@ def _share(light: np.ndarray, lights: tuple[float, float]) -> np.ndarray:
 
 
 def shifted(words: list[Any], change: np.ndarray) -> None:
-    """Add a change to a line ``spectrum``, in place.
-
-    Parameters
-    ----------
-    words : list
-        The numbers of the line.
-    change : numpy.ndarray, shape (6,)
-        Change of log2 of the six counts.
-    """
+    """Add a change of log2 of the six counts to the numbers of a line ``spectrum``, in place."""
     for channel in range(CHANNELS):
         words[1 + channel] += round(float(change[channel]) * _ONE_Q16)

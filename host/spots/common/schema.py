@@ -47,11 +47,8 @@ _LIMITS = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less tha
 class WrongTomlError(msgspec.ValidationError):
     """Raised if a TOML file is invalid.
 
-    Attributes
-    ----------
-    place : str
-        Where in the file: a line such as "line 3", or a key such as "layer.key.tap". Empty if it
-        is unknown, or if the whole file is meant.
+    `place` is a line such as "line 3", or a key such as "layer.key.tap"; empty if it is unknown, or
+    if the whole file is meant.
     """
 
     def __init__(self, text: str, place: str = ""):
@@ -62,10 +59,7 @@ class WrongTomlError(msgspec.ValidationError):
 class WrongKeyError(WrongTomlError):
     """Raised if a key of a file is unknown or missing, or if its value is invalid.
 
-    Attributes
-    ----------
-    keys : list of str
-        The tables that contain the key, outermost first, and the key.
+    `keys` has the tables that contain the key, outermost first, and the key.
     """
 
     def __init__(self, text: str, path: Sequence[str | int]):
@@ -74,25 +68,10 @@ class WrongKeyError(WrongTomlError):
 
 
 def convert(content: dict, kind: type[_Kind]) -> _Kind:
-    """Convert the parsed content of a TOML file to a struct.
+    """Convert the parsed content of a TOML file to a struct of type `kind`.
 
-    Parameters
-    ----------
-    content : dict
-        Content of the file, as `toml.loads` returns it.
-    kind : type
-        Subclass of `msgspec.Struct` that describes the file.
-
-    Returns
-    -------
-    msgspec.Struct
-        Instance of `kind`.
-
-    Raises
-    ------
-    WrongKeyError
-        If a key is unknown or missing, or a value is invalid. For an unknown key the text suggests
-        keys that exist.
+    WrongKeyError if a key is unknown or missing, or a value is invalid. For an unknown key the text
+    suggests keys that exist.
     """
     try:
         return msgspec.convert(content, kind)

@@ -40,12 +40,8 @@ _CONTINUING = numbers("SIGCONT")
 class _Section:
     """Defers signals while the main thread is in a block ``with SECTION``; blocks can be nested.
 
-    Attributes
-    ----------
-    outputs : weakref.WeakSet of outputs.Output
-        The open outputs.
-    ended_by : int or None
-        Number of the signal that ends the process; None before such a signal.
+    `outputs` are the open `outputs.Output`. `ended_by` is the number of the signal that ends the
+    process; None before.
     """
 
     def __init__(self):

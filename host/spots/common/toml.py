@@ -52,26 +52,9 @@ class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
     """Return path and text of a TOML file that belongs to the user or to the package.
 
-    Parameters
-    ----------
-    name : str or Path
-        Path that ends in ``.toml``, or name of a file in `folder` without its suffix.
-    folder : Path
-        Folder with the package's files of this kind.
-    what : str
-        Kind of file for error messages, such as "layout".
-
-    Returns
-    -------
-    path : Path
-        Path of the file.
-    text : str
-        Text of the file.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read as text, is not a regular file, or is too large.
+    `name` is a path that ends in ``.toml``, or the name of a file in `folder` without its suffix.
+    `what` names the kind of file in messages, such as "layout". FileError if the file cannot be
+    read as text, is not a regular file, or is too large.
     """
     name = path_text(name, f"the name of a {what} file")
     path, packaged = Path(name), folder / f"{name}.toml"
@@ -94,11 +77,8 @@ def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
 def loads(text: str) -> dict:
     """Return the content of a TOML file.
 
-    Raises
-    ------
-    msgspec.ValidationError
-        If the text is not TOML, is nested too deep, or has a number that is not finite or a
-        string with unprintable characters.
+    msgspec.ValidationError if the text is not TOML, is nested too deep, or has a number that is not
+    finite or a string with unprintable characters.
     """
     plain = STRING_OR_COMMENT.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
     try:
@@ -177,19 +157,10 @@ def comments(text: str) -> list[str]:
 def dumps(content: dict, prefix: str = "", comments: Mapping[str, str] = {}) -> str:
     """Return a dict as TOML, without the keys whose value is None.
 
-    Parameters
-    ----------
-    content : dict
-        Numbers, strings, lists of these, dates, dicts, and lists of dicts. The keys are bare keys.
-    prefix : str
-        Name of the table that has this content, with a dot at its end; empty for a file.
-    comments : mapping of str to str
-        For some keys of `content`, the comment above the value or the table, with its ``#``.
-
-    Returns
-    -------
-    str
-        Lines of TOML, without a newline after the last line.
+    The values are numbers, strings, lists of these, dates, dicts, and lists of dicts; the keys are
+    bare keys. `prefix` is the name of the table that has this content, with a dot at its end; empty
+    for a file. `comments` are written above some keys, each with its ``#``. The last line has no
+    newline.
     """
     lines, tables = [], []
     for key, value in content.items():
@@ -209,28 +180,10 @@ def dumps(content: dict, prefix: str = "", comments: Mapping[str, str] = {}) -> 
 
 
 def checked(text: str, kind: type[_Kind], what: str, path: str | Path) -> _Kind:
-    """Parse and validate a TOML file; return its content as a struct.
+    """Parse and validate a TOML file; return its content as a struct of type `kind`.
 
-    Parameters
-    ----------
-    text : str
-        Text of the file.
-    kind : type
-        Subclass of `msgspec.Struct` that describes the file.
-    what : str
-        Kind of the file for error messages, such as "layout".
-    path : str or Path
-        Path of the file, for error messages.
-
-    Returns
-    -------
-    msgspec.Struct
-        Instance of `kind`.
-
-    Raises
-    ------
-    FileError
-        If the text is not TOML, a key is unknown or missing, or a value is invalid.
+    `what` names the kind of file in messages, such as "layout". FileError if the text is not TOML,
+    a key is unknown or missing, or a value is invalid.
     """
     try:
         return convert(loads(text), kind)

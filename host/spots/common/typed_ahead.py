@@ -14,11 +14,6 @@ def drop(stdin: TextIO | None = None) -> None:
     """Discard the keys that were typed at a terminal but not read yet; call this before a question.
 
     Lines from a pipe or a file are kept: a script writes all its answers at once.
-
-    Parameters
-    ----------
-    stdin : file, optional
-        Source of the answers; standard input if not given.
     """
     stdin = stdin or sys.stdin
     # A closed standard input is None, or raises ValueError; the read of the answer reports it.

@@ -20,17 +20,9 @@ _READING_US_MIN = 5000
 
 
 class Advice:
-    """Watches the readings of a strip, and returns advice.
+    """Watches the readings of a strip; `sentence` has cause and remedy, empty if all is well.
 
-    Parameters
-    ----------
-    notice : Notice, optional
-        Looks for a drift; without it, only untrusted readings are reported.
-
-    Attributes
-    ----------
-    sentence : str
-        Cause and remedy; empty if all is well.
+    Without `notice`, which looks for a drift, only untrusted readings are reported.
     """
 
     def __init__(self, notice: Notice | None = None):
@@ -40,14 +32,9 @@ class Advice:
         self._floor = notice.floor if notice else Floor()
 
     def take(self, frame: Reading, now_s: float) -> None:
-        """Take a frame of the strip and update `sentence`.
+        """Take a frame of the strip and update `sentence`; only touches and spectra are used.
 
-        Parameters
-        ----------
-        frame : Touch, Spectrum, Key or Contact
-            The next frame of the strip; only touches and spectra are used.
-        now_s : float
-            Time at which the frame arrived, in seconds by the clock of `Board.now_s`.
+        The frame arrived at `now_s` by `Board.now_s`.
         """
         notice = self.notice
         if isinstance(frame, Touch):
@@ -61,15 +48,7 @@ class Advice:
         self.sentence = self._untrusted.sentence or (notice.sentence if notice else "")
 
     def warn(self, frame: Reading, now_s: float) -> None:
-        """Take a frame, and print `sentence` on stderr when there is something to report.
-
-        Parameters
-        ----------
-        frame : Touch, Spectrum, Key or Contact
-            The next frame of the strip.
-        now_s : float
-            Time at which the frame arrived, as for `take`.
-        """
+        """Take a frame, and print `sentence` on stderr when there is something to report."""
         before = self.sentence
         self.take(frame, now_s)
         if self.sentence and not before:
@@ -77,36 +56,15 @@ class Advice:
 
 
 def streams(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the kinds of frames that an application streams for `Advice`.
-
-    Parameters
-    ----------
-    settings : Mapping
-        Settings of the board, such as `Board.info`.
-
-    Returns
-    -------
-    tuple of str
-    """
+    """Return the kinds of frames that an application streams for `Advice`."""
     reading_us = settings.get("exposure_us", 0) * settings.get("average", 1)
     return ("touch", "spectrum") if reading_us >= _READING_US_MIN else ("touch",)
 
 
 def advice_for(board: Board, info: Mapping[str, Any], sensor: int = 0) -> Advice:
-    """Return the `Advice` for a strip of a board.
+    """Return the `Advice` for a strip of a board; its calibration is read if it is not known.
 
-    Parameters
-    ----------
-    board : Board
-        The board; its calibration is read if it is not known.
-    info : Mapping
-        The reply to ``hello`` for this strip.
-    sensor : int, optional
-        Number of the strip on the board.
-
-    Returns
-    -------
-    Advice
+    `info` is the reply to ``hello`` for this strip.
     """
     return Advice(notice_for(stored_calibration(board, info, sensor), info))
 
@@ -116,19 +74,8 @@ def stored_calibration(
 ) -> Sequence[str] | None:
     """Return the lines of the calibration that a board uses; None if they are unknown.
 
-    Parameters
-    ----------
-    board : Board
-        The board.
-    info : Mapping
-        The reply to ``hello`` for this strip.
-    sensor : int, optional
-        Number of the strip on the board.
-
-    Returns
-    -------
-    sequence of str or None
-        None also if the firmware of the board cannot return its calibration.
+    They are unknown, too, if the firmware of the board cannot return its calibration. `info` is the
+    reply to ``hello`` for this strip.
     """
     name = info.get("calibration")
     if name is None:

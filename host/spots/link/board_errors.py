@@ -76,17 +76,6 @@ _ERROR = re.compile(
 def in_words(text: str) -> str:
     """Replace the number of each OSError in a text of a board by words.
 
-    Parameters
-    ----------
-    text : str
-        Error message of the board, or the last line of a traceback.
-
-    Returns
-    -------
-    str
-
-    Examples
-    --------
     >>> in_words("the I2C bus failed (5): check the wiring")
     'the I2C bus failed (input/output error): check the wiring'
     >>> in_words("[Errno 19] ENODEV")

@@ -20,10 +20,7 @@ from .replies import Hello
 def hello_calibrated(board: Board) -> Hello:
     """Return the reply to ``hello`` of a calibrated board.
 
-    Raises
-    ------
-    BoardError
-        If the board has no calibration for its present settings.
+    BoardError if the board has no calibration for its present settings.
     """
     info = board.command("hello")
     if not info.get("length_um"):
@@ -56,23 +53,8 @@ def hello_often(
 ) -> Hello:
     """Return the reply to ``hello`` of a board that is calibrated and fast enough.
 
-    Parameters
-    ----------
-    board : Board
-        The board.
-    within_s : float
-        Longest time from one reading to the next that the application allows, in seconds.
-    remedy : str, optional
-        Advice for the error message if the board is too slow.
-
-    Returns
-    -------
-    Hello
-
-    Raises
-    ------
-    BoardError
-        If the board is too slow, or has no calibration for its present settings.
+    BoardError if its readings are further apart than `within_s`, or it has no calibration for its
+    present settings. `remedy` is the advice in the first case.
     """
     info = hello_calibrated(board)
     every_s = info["exposure_us"] * info["average"] * 1e-6
@@ -90,31 +72,15 @@ def run_engine(
 ) -> Iterator[tuple[Touch | None, Any]]:
     """Feed the readings of a board to an engine, such as a `KeyEngine`; yield its results.
 
-    If the engine detects an object that is not a finger, the light at that moment becomes the
-    board's baseline, which is subtracted from the light of a touch. When this process is resumed
-    after Ctrl-Z, stale readings are dropped, and ``engine.release()`` is called. Advice is printed
-    on stderr if readings are untrusted or probably wrong.
+    The engine has ``take(touch, now_s)``, ``tick(now_s)``, called every `tick_s`, and
+    ``release()``. Its attribute ``objects`` is the number of detected objects that are not fingers,
+    which is reset to 0 here: the light at that moment becomes the board's baseline, which is
+    subtracted from the light of a touch. When this process is resumed after Ctrl-Z, stale readings
+    are dropped, and ``engine.release()`` is called. Advice is printed on stderr if readings are
+    untrusted or probably wrong.
 
-    Parameters
-    ----------
-    board : Board
-        The board to read.
-    engine : object
-        Has the methods ``take(touch, now_s)``, ``tick(now_s)`` and ``release()``. Its attribute
-        ``objects`` is the number of detected objects that are not fingers; this function resets it
-        to 0.
-    seconds : float or None
-        Duration, in seconds by the clock of `Board.now_s`; no limit if None. The end of a
-        recording also ends the iteration.
-    tick_s : float
-        Time between two calls of ``tick``, in seconds.
-
-    Yields
-    ------
-    touch : frames.Touch or None
-        Reading of sensor 0; None if `result` is that of ``tick``.
-    result : object
-        What the engine returned for the reading or the tick.
+    The duration is by `Board.now_s`; the end of a recording also ends the iteration. Yielded are a
+    reading of sensor 0, None for a tick, and what the engine returned.
     """
     advice = advice_for(board, board.info)
     board.command("stream " + " ".join(streams(board.info)))

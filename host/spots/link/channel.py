@@ -26,29 +26,11 @@ _TAIL_BYTES = 64  # number of latest bytes in which a prompt is looked for
 class Channel:
     """Receives the frames of a board, and exchanges commands and replies with it.
 
-    One thread at a time may call the methods: the one that has the `turn`.
-
-    Parameters
-    ----------
-    link : link.Link
-        Link to the board.
-    only : int, optional
-        Number of the only sensor whose frames are taken, as sensor 0.
-
-    Attributes
-    ----------
-    info : replies.Hello
-        The reply to ``hello``, with the present settings.
-    wanted : dict
-        The streams that should be on: kinds, by sensor.
-    stopped : set of int
-        Sensors whose streams ended with a restart of the board.
-    taps : list of callable
-        ``look(data, now_s)`` is called with all bytes before they are decoded.
-    frames : readers.FrameLog
-        Stores the frames until all readers have taken them.
-    closed : bool
-        Whether the program has closed the board.
+    One thread at a time may call the methods: the one that has the `turn`. `only` is the only
+    sensor whose frames are taken, as sensor 0. `info` is the reply to ``hello``, with the present
+    settings. `wanted` are the streams that should be on, by sensor; `stopped` the sensors whose
+    streams ended with a restart of the board. `taps` are called as ``look(data, now_s)`` with all
+    bytes before they are decoded. `frames` stores the frames until all readers have taken them.
     """
 
     info: Hello
@@ -166,12 +148,7 @@ class Channel:
     def restarted(self, sent_s: float, t_us: int) -> None:
         """Record that the board has restarted: its streams are off, and its clock is a new one.
 
-        Parameters
-        ----------
-        sent_s : float
-            Host time of the query whose reply shows the restart, in seconds.
-        t_us : int
-            Board time of the reply.
+        The times are those of the query whose reply shows the restart, and of this reply.
         """
         self.stopped = set(self.wanted)
         self.stats.restarts += 1

@@ -22,24 +22,15 @@ _OFF_S = 1.0  # a larger error of the board's time shows that the board restarte
 class ClockMap:
     """Unwraps a board's 32-bit time in microseconds, and maps this time to the host's clock.
 
-    A query is sent at host time a, answered at board time t, and the reply arrives at host time
-    b. So the host time of t lies between a and b: each round trip bounds the offset between the
-    clocks from both sides. All bounds together are usually tighter than those of the shortest round
-    trip. Because clocks drift, the offset is modelled as a linear function of time. Its slope is
-    chosen so that the gap between the lower and the upper bounds of the latest 64 round trips is
-    largest.
+    A query is sent at host time a, answered at board time t, and the reply arrives at host time b.
+    So the host time of t lies between a and b: each round trip bounds the offset between the clocks
+    from both sides. All bounds together are usually tighter than those of the shortest round trip.
+    Because clocks drift, the offset is modelled as a linear function of time. Its slope is chosen
+    so that the gap between the lower and the upper bounds of the latest 64 round trips is largest.
 
-    Parameters
-    ----------
-    last_us : int
-        Latest board time, unwrapped, in us.
-    low_s, high_s : float
-        Bounds on host time minus board time at `at_us`, in seconds; infinite before the first round
-        trip.
-    at_us : int
-        Board time of the latest round trip, unwrapped, in us.
-    slope : float
-        Drift of the offset, in seconds per second of board time.
+    `low_s` and `high_s` bound host time minus board time at `at_us`, the latest round trip; they
+    are infinite before the first one. `slope` is the drift in seconds per second of board time.
+    Board times are unwrapped here, and modulo 2**32 in the methods.
     """
 
     last_us: int = 0
@@ -70,36 +61,13 @@ class ClockMap:
         return asdict(self)
 
     def timed(self, frame: Reading | Text, arrived_s: float) -> Reading | Text:
-        """Return a frame with its host time in `time_s`; return a `Text` unchanged.
-
-        Parameters
-        ----------
-        frame : Touch, Spectrum, Key, Contact or Text
-            Frame from the decoder.
-        arrived_s : float
-            Host time at which the frame arrived, in seconds.
-
-        Returns
-        -------
-        Touch, Spectrum, Key, Contact or Text
-            A copy of the frame, or the unchanged `Text`.
-        """
+        """Return a frame with its host time in `time_s`; return a `Text` unchanged."""
         if isinstance(frame, Text):
             return frame
         return frame._replace(time_s=self.host_s(frame.t_us, arrived_s))
 
     def round_trip(self, sent_s: float, t_us: int, received_s: float) -> None:
-        """Narrow the bounds of the offset with the times of a round trip.
-
-        Parameters
-        ----------
-        sent_s : float
-            Host time at which the query was sent, in seconds.
-        t_us : int
-            Board time at which the board replied, modulo 2**32, in us.
-        received_s : float
-            Host time at which the reply arrived, in seconds.
-        """
+        """Narrow the bounds of the offset with the times of a query and of the board's reply."""
         board_us = self._unwrap(t_us, received_s)
         board_s = board_us * 1e-6
         self._trips.append((board_us, sent_s - board_s, received_s - board_s))
@@ -108,19 +76,9 @@ class ClockMap:
         self.low_s, self.high_s = self._bounds(self.slope)
 
     def host_s(self, t_us: int, arrived_s: float) -> float | None:
-        """Return the host time of a board time.
+        """Return the host time of a board time; None before the first round trip.
 
-        Parameters
-        ----------
-        t_us : int
-            Board time modulo 2**32, in us.
-        arrived_s : float
-            Host time at which `t_us` arrived, in seconds; shows how often `t_us` has wrapped.
-
-        Returns
-        -------
-        float or None
-            Host time, in seconds; None before the first round trip.
+        The host time of its arrival shows how often the board's time has wrapped.
         """
         board_us = self._unwrap(t_us, arrived_s)
         if self.high_s == float("inf"):
@@ -130,17 +88,7 @@ class ClockMap:
     def host_s_each(self, t_us: np.ndarray, arrived_s: np.ndarray) -> np.ndarray:
         """Return the host times of many board times: exactly the floats that `host_s` returns.
 
-        Parameters
-        ----------
-        t_us : ndarray, shape (n,), int64
-            Board times modulo 2**32, in us.
-        arrived_s : ndarray, shape (n,), float64
-            Host time at which each board time arrived, in seconds.
-
-        Returns
-        -------
-        ndarray, shape (n,), float64
-            Host times, in seconds; NaN before the first round trip.
+        All arrays have shape (n,), of int64 and float64; NaN before the first round trip.
         """
         half = _WRAP // 2
         steps = (np.diff(t_us, prepend=self.last_us) + half) % _WRAP - half
@@ -153,23 +101,9 @@ class ClockMap:
         return host_s
 
     def shows_restart(self, sent_s: float, t_us: int, received_s: float) -> bool:
-        """Return whether a round trip shows that the board has restarted.
+        """Return whether a round trip shows that the board has restarted; False before the first.
 
         A restarted board counts its time from 0, so the reply does not fit this map.
-
-        Parameters
-        ----------
-        sent_s : float
-            Host time at which the query was sent, in seconds.
-        t_us : int
-            Board time at which the board replied, modulo 2**32, in us.
-        received_s : float
-            Host time at which the reply arrived, in seconds.
-
-        Returns
-        -------
-        bool
-            Always False before the first round trip.
         """
         if self.high_s == float("inf"):
             return False

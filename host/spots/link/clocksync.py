@@ -21,12 +21,7 @@ _NEVER = float("inf")
 class ClockSync:
     """Keeps a clock map up to date with regular queries of the board's time.
 
-    Attributes
-    ----------
-    clock : clockmap.ClockMap
-        The map of the board's time to the host's time.
-    due_s : float
-        Host time of the next query, in seconds; infinite if no queries are scheduled.
+    `due_s` is the host time of the next query; infinite if no queries are scheduled.
     """
 
     def __init__(self):
@@ -42,17 +37,7 @@ class ClockSync:
         self.due_s = now_s + next(self._waits)
 
     def restart(self, sent_s: float, t_us: int, received_s: float) -> None:
-        """Start a new map from a single round trip, and schedule more queries soon.
-
-        Parameters
-        ----------
-        sent_s : float
-            Host time at which the query was sent, in seconds.
-        t_us : int
-            Board time at which the board replied, modulo 2**32, in us.
-        received_s : float
-            Host time at which the reply arrived, in seconds.
-        """
+        """Start a new map from a single round trip, and schedule more queries soon."""
         self.clock = ClockMap()
         self.clock.round_trip(sent_s, t_us, received_s)
         self._sent_s = self._answer = None
@@ -69,15 +54,7 @@ class ClockSync:
         return b"sync\n"
 
     def answered(self, t_us: int, now_s: float) -> None:
-        """Record the board's reply to a query; ignore a reply without a query.
-
-        Parameters
-        ----------
-        t_us : int
-            Board time of the reply, modulo 2**32, in us.
-        now_s : float
-            Host time at which the reply arrived, in seconds.
-        """
+        """Record the board's reply to a query; ignore a reply without a query."""
         if self._sent_s is not None:
             self._answer, self._sent_s = (self._sent_s, t_us, now_s), None
 

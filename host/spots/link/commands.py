@@ -27,15 +27,7 @@ HELLO_TIMEOUT_S = 1.0
 class Commands:
     """Sends commands over a channel, and validates the replies.
 
-    Parameters
-    ----------
-    channel : channel.Channel
-        Channel to the board.
-
-    Attributes
-    ----------
-    late : bool
-        Whether the reply to an earlier command may still arrive.
+    `late` is whether the reply to an earlier command may still arrive.
     """
 
     def __init__(self, channel: Channel):

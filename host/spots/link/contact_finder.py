@@ -39,15 +39,9 @@ def tracker_arguments(touch: Touch) -> tuple[int, int, int, int, int]:
 class ContactFinder:
     """Finds one or two fingers in the readings of a strip, as the firmware does for CONTACT frames.
 
-    Parameters
-    ----------
-    length_um : int
-        Length of the strip in um, from the board's reply to ``hello``.
-    decay : int, optional
-        Attenuation of the light by the dye in log2 units per um, times 2**24: the value of
-        ``decay`` in the board's reply to ``hello``. If not given, or 0, a typical value is used.
-    cross : sequence of int, optional
-        Cross-sensitivity of the strip: the value of ``cross`` in the board's reply to ``hello``.
+    The arguments are from the board's reply to ``hello``. `decay` is the attenuation of the light
+    by the dye in log2 units per um, times 2**24; without it, or if it is 0, a typical value is
+    used. `cross` is the cross-sensitivity of the strip.
     """
 
     def __init__(
@@ -77,16 +71,7 @@ class ContactFinder:
     def contact(
         self, sensor: int, number: int, state: int, x_um: int, sigma_um: int, force_mN: int
     ) -> None:
-        """Handle a contact that `spots_device.fingers.contacts.Fingers` sends.
-
-        Parameters
-        ----------
-        sensor : int
-            Number of the sensor.
-        number, state, x_um, sigma_um, force_mN : int
-            `id`, `state`, `position_um`, `sigma_um` and `force_mN` of the `frames.Contact`; a force
-            of 0 is unknown.
-        """
+        """Handle a contact that `spots_device.fingers.contacts.Fingers` sends; force 0: unknown."""
         touch = self._touch
         if touch is not None:
             force = force_mN or math.nan

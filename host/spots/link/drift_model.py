@@ -36,15 +36,10 @@ _STEP = 0.2  # share of a change for its derivative
 
 
 class Cause(NamedTuple):
-    """A cause of drift.
+    """A cause of drift, with its name for the user.
 
-    Attributes
-    ----------
-    words : str
-        Its name for the user.
-    sizes : tuple of (str, float)
-        Changes of the spectrum, as keys of a change file (docs/calibrate/drift.md), and their
-        usual sizes.
+    `sizes` are changes of the spectrum, as keys of a change file (docs/calibrate/drift.md), and
+    their usual sizes.
     """
 
     words: str
@@ -104,18 +99,8 @@ def _logs(plan: Sequence[str], decays: Sequence[float], x_um: float, **change: f
 def changes(plan: tuple[str, ...], decays: tuple[float, ...], x_um: float) -> np.ndarray:
     """Return the change of log2 of the counts by each of `CAUSES`; shape (causes, channels).
 
-    Parameters
-    ----------
-    plan : tuple of str
-        Names of the channels, each one of `BANDS_NM`, in ascending order of their wavelengths.
-    decays : tuple of float
-        Decay of the light by the dye for each channel, in log2 units per um.
-    x_um : float
-        Position of the press, in um.
-
-    Returns
-    -------
-    numpy.ndarray
+    `plan` names channels of `BANDS_NM` in ascending order of their wavelengths; `decays` are those
+    of the light by the dye, in log2 units per um.
     """
     rows: list[np.ndarray] = []
     for cause in CAUSES:
@@ -129,21 +114,11 @@ def changes(plan: tuple[str, ...], decays: tuple[float, ...], x_um: float) -> np
 def weights(causes: np.ndarray, slopes: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """Return the weights with which a residual gives the error of the position.
 
-    Parameters
-    ----------
-    causes : numpy.ndarray, shape (n, 6)
-        Changes of log2 of the counts, see `changes`.
-    slopes : numpy.ndarray, shape (6,)
-        Derivatives of log2 of the counts with respect to the position, in 1/um.
-    variance : numpy.ndarray, shape (6,)
-        Variances of log2 of the counts of one reading.
-
-    Returns
-    -------
-    numpy.ndarray, shape (groups + 1, 6)
-        Row i times the change of log2 of the counts is the most probable error in um by the causes
-        of group i of `GROUPS`; the last row gives the error by all causes. Neither the position nor
-        the force changes the result.
+    `causes` has shape (n, 6), see `changes`; `slopes` are derivatives of log2 of the counts by the
+    position in um, `variance` the variances of log2 of the counts of one reading. Row i of the
+    result, shape (groups + 1, 6), times the change of log2 of the counts is the most probable error
+    in um by the causes of group i of `GROUPS`; the last row gives the error by all causes. Neither
+    the position nor the force changes the result.
     """
     scale = 1 / np.sqrt(variance)
     alike = np.stack([np.ones_like(slopes), slopes * 1000], axis=1) * scale[:, None]

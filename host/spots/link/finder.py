@@ -14,22 +14,8 @@ from .ports import scheme
 def finder(port: str | None, options: Namespace | None = None) -> Callable[[str | None], Board]:
     """Return a function that finds and opens a board, also after a restart.
 
-    Parameters
-    ----------
-    port : str or None
-        Port as for `spots.open`; if None, the board is found on USB.
-    options : Namespace, optional
-        Options of this kind of port, see `ports`.
-
-    Returns
-    -------
-    callable
-        ``open_board(board_id)`` opens the board with this id, or any board if the id is None.
-
-    Raises
-    ------
-    SpotsError
-        If the options are invalid.
+    ``open_board(board_id)`` opens the board with this id, or any board if the id is None. Without
+    `port`, the board is found on USB. SettingError if the options of this kind of port are invalid.
     """
     module, target = scheme(port)
     if module is not None and hasattr(module, "check"):

@@ -65,34 +65,14 @@ def force_known(flags: Any) -> Any:
 
 
 def position_known(flags: Any, force_mN: Any) -> Any:
-    """Return whether the position of a touch is known.
-
-    Parameters
-    ----------
-    flags, force_mN : int or numpy.ndarray
-        Fields of a TOUCH frame, or arrays of them.
-
-    Returns
-    -------
-    bool or numpy.ndarray
-    """
+    """Return whether the position of a touch is known, from fields of a TOUCH frame, or arrays."""
     # A press that is too light for a touch has a position; without it, the host's key engine would
     # find touches one reading later than the board.
     return force_known(flags) & ((flags & decode.TOUCHING != 0) | (force_mN != 0))
 
 
 def log2_unknown(value_q20: Any, flags: Any) -> Any:
-    """Return whether contrast or brightness of a touch is unknown.
-
-    Parameters
-    ----------
-    value_q20, flags : int or numpy.ndarray
-        Contrast or brightness, and flags of a TOUCH frame, or arrays of them.
-
-    Returns
-    -------
-    bool or numpy.ndarray
-    """
+    """Return whether contrast or brightness of a touch is unknown, also for arrays."""
     return (value_q20 == 0) & (flags & (_BLIND | decode.TOO_DARK) != 0)
 
 
@@ -496,16 +476,8 @@ def framed(payload: bytes) -> bytes:
 def note(since_us: int, content: dict[str, Any] | None = None) -> bytes:
     """Encode a note, an entry that a recorder adds between frames; see `Note`.
 
-    Parameters
-    ----------
-    since_us : int
-        Host time since the recording's file began, in us, 0 to 2**48 - 1.
-    content : dict, optional
-        Content of the note, up to `spots_device.reading.frame.TEXT_MAX` bytes as JSON.
-
-    Returns
-    -------
-    bytes
+    `since_us` is the host time since the recording's file began, up to 2**48 - 1. The content may
+    have `spots_device.reading.frame.TEXT_MAX` bytes as JSON.
     """
     low, high, sequence = (since_us >> shift & 0xFFFF for shift in (0, 16, 32))
     payload = _HEADER.pack(NOTE, sequence, low, high)

@@ -37,20 +37,8 @@ def shortest_us(
     at any exposure. The noise is the limit that the board itself assumes, that of the end of the
     strip where the positions are noisiest.
 
-    Parameters
-    ----------
-    calibration : sequence of str
-        Lines of the calibration, see `spots_device.reading.calibration_lines`.
-    layout : sequence of str
-        Lines of the key layout, see `spots_device.keys.layout`; none for the default layout.
-    strain_ppm : int, optional
-        Strain of the strip in ppm.
-
-    Returns
-    -------
-    int or None
-        At least 4000; None if not even 20 ms suffice, or if another version of the firmware has
-        made the lines.
+    The result is at least 4000; None if not even 20 ms suffice, or if another version of the
+    firmware has made the lines. Without a layout, the default layout counts.
     """
     try:
         made: Any = Calibration(calibration, strain_ppm)
@@ -73,37 +61,13 @@ def shortest_us(
 
 
 def is_automatic(exposure_us: int, chosen_us: int | None) -> bool:
-    """Return whether an exposure may be replaced: the default, or one that `shortest_us` chose.
-
-    Parameters
-    ----------
-    exposure_us : int
-        Exposure of the board.
-    chosen_us : int or None
-        What `shortest_us` returns for the calibration and the layout that the board has.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether an exposure may be replaced: the default, or one that `shortest_us` chose."""
     # The board rounds exposures to the steps of its sensor.
     return any(abs(exposure_us - one) <= one // 100 for one in (DEFAULT_US, chosen_us or _MOST_US))
 
 
 def sentence(exposure_us: int, chosen_us: int | None) -> str:
-    """Return what an exposure means for the keys of the layout.
-
-    Parameters
-    ----------
-    exposure_us : int
-        Exposure of the board.
-    chosen_us : int or None
-        What `shortest_us` returns.
-
-    Returns
-    -------
-    str
-    """
+    """Return what an exposure means for the keys, with the result of `shortest_us` for them."""
     now = f"exposure of {exposure_us / 1000:.1f} ms"
     if chosen_us is None:
         return f"{now}: at no exposure every key is certain; make the keys wider, or fewer"

@@ -26,23 +26,9 @@ _ROUNDING = 1 / 12  # variance of the rounding of a count
 def mains_hz(board: Board) -> int:
     """Measure the mains frequency of the lamps around a strip; this takes about a second.
 
-    If the board can set the LED's current, the LED is off during the measurement. The settings of
-    the board are restored at the end.
-
-    Parameters
-    ----------
-    board : Board
-        Board with the setting ``mains_hz``.
-
-    Returns
-    -------
-    int
-        Value of the setting ``mains_hz``: 50 or 60; 0 if no flicker at 100 or 120 Hz is found.
-
-    Raises
-    ------
-    SpotsError
-        If the board is disconnected or refuses a command.
+    It is 50 or 60; 0 if no flicker at 100 or 120 Hz is found. If the board can set the LED's
+    current, the LED is off during the measurement. The settings of the board are restored at the
+    end.
     """
     state: Mapping[str, Any] = board.command("get")
     changed = {"average": 1, "mains_hz": 0} | ({"led_mA": 0} if state["led"] == "ldr" else {})

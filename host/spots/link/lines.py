@@ -8,37 +8,14 @@ _UPLOADED = re.compile(r"(cal|layout) (?!(begin|clear)\b)")
 
 
 def of_sensor(line: str, sensor: int) -> str:
-    """Append ``sensor=N`` to a command, unless N is 0.
-
-    Parameters
-    ----------
-    line : str
-        The command.
-    sensor : int
-        Number N of the sensor; more than 0 only on a board with several strips.
-
-    Returns
-    -------
-    str
-    """
+    """Append ``sensor=N`` to a command, unless N is 0: a board with one strip does not know it."""
     return f"{line} sensor={sensor}" if sensor else line
 
 
 def addressed(line: str, sensor: int) -> str:
     """Add the number of a sensor to a command if the command concerns a single strip.
 
-    Parameters
-    ----------
-    line : str
-        The command, without ``sensor=``.
-    sensor : int
-        Number of the sensor.
-
-    Returns
-    -------
-    str
-        The command with ``sensor=``. A command for all strips is returned unchanged. In an upload,
-        the first line names the sensor for all its lines; the other lines are returned unchanged.
+    In an upload, the first line names the sensor for all its lines; the others stay unchanged.
     """
     if line.partition(" ")[0] in _OF_ALL or _UPLOADED.match(line):
         return line

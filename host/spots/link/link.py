@@ -10,13 +10,7 @@ POLL_S = 0.1  # longest wait in one call of a link
 
 
 class Link(Protocol):
-    """Transports bytes to and from a board, independently of the protocol.
-
-    Attributes
-    ----------
-    name : str
-        Name of the port.
-    """
+    """Transports bytes to and from a board, independently of the protocol; `name` is the port's."""
 
     name: str
 
@@ -38,12 +32,8 @@ class Link(Protocol):
     def reopen(self) -> None:
         """Open the port again. A link that never raises PortLostError need not implement this.
 
-        Raises
-        ------
-        RefusedError
-            If another device now has the port's name, and the board is on no other port.
-        SpotsError
-            If the port does not exist or cannot be opened.
+        RefusedError if another device now has the port's name, and the board is on no other port;
+        PortError if the port does not exist or cannot be opened.
         """
 
     def close_port(self) -> None:
@@ -58,25 +48,10 @@ class ReplyingLink(Link, Protocol):
     """A link that replies to commands itself; nothing is written to it, so it is read-only."""
 
     def reply(self, line: str, timeout_s: float) -> dict[str, Any] | None:
-        """Return the reply to a command, as docs/extend/commands.md describes it.
+        """Return the reply to a command, as docs/extend/commands.md has it; None after a timeout.
 
-        Parameters
-        ----------
-        line : str
-            The command.
-        timeout_s : float
-            Longest time to wait for the reply, in seconds.
-
-        Returns
-        -------
-        dict or None
-            The reply; with the key ``error`` if the command is refused. None if there was no reply
-            in time.
-
-        Raises
-        ------
-        SpotsError
-            If this link can say better than the board why it refuses the command.
+        The reply of a refused command has the key ``error``. SpotsError if this link can say better
+        than the board why it refuses the command.
         """
         ...
 
@@ -85,20 +60,10 @@ class ReplyingLink(Link, Protocol):
 class FrameLink(ReplyingLink, Protocol):
     """A link that delivers decoded frames with their times, in place of bytes: a recording.
 
-    Attributes
-    ----------
-    info : dict
-        The reply to ``hello``.
-    calibration : list of str or None
-        Lines of the calibration of sensor 0.
-    stats : LinkStats
-        Statistics up to the latest frame.
-    doubts : sequence of str
-        What is wrong with the delivered frames.
-    ended : bool
-        Whether no more frames will come.
-    poll_s : float
-        Longest wait in one call of `frames`, in seconds by the clock of this link.
+    `info` is the reply to ``hello``; the calibration is that of sensor 0. `stats` are those up to
+    the latest frame. `doubts` are sentences about what is wrong with the delivered frames. After
+    `ended`, no more frames will come. `poll_s` is the longest wait in one call of `frames`, by the
+    clock of this link.
     """
 
     info: Any

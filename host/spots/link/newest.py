@@ -8,13 +8,7 @@ _RATE_READINGS = 64  # number of readings from which the rate is computed
 
 
 class Newest:
-    """Stores the newest reading since the last restart of the board, for each sensor.
-
-    Attributes
-    ----------
-    touches : dict
-        The newest `Touch`, by the number of the sensor.
-    """
+    """Stores the newest reading since the last restart of the board, for each sensor."""
 
     def __init__(self):
         self.touches: dict[int, Touch] = {}

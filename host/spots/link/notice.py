@@ -61,14 +61,8 @@ def cause_of(error_um: np.ndarray) -> str:
 class Floor:
     """Light of the untouched strip: ambient light, dark counts, and light without a press.
 
-    Attributes
-    ----------
-    counts : numpy.ndarray, shape (6,) or None
-        Mean counts; None before enough readings without a touch.
-    changes : numpy.ndarray, shape (6,)
-        Standard deviation of the changes of this light within some seconds, in counts.
-    moving : bool
-        Whether this light changes much.
+    `counts` are six means, None before enough readings without a touch. `changes` are the standard
+    deviations of the changes of this light within some seconds.
     """
 
     def __init__(self, dark: Sequence[float] | None = None):
@@ -119,10 +113,7 @@ class Floor:
 class Cusum:
     """Sequential test for a shift of a mean to both sides; `run_length` gives the threshold.
 
-    Attributes
-    ----------
-    alarm : bool
-        Whether the evidence exceeds the threshold.
+    If `alarm`, the evidence exceeds the threshold.
     """
 
     def __init__(self, wrong_um: float, presses: float):
@@ -132,15 +123,7 @@ class Cusum:
         self._shift = 1.0
 
     def take(self, value_um: float, sigma_um: float) -> None:
-        """Take a press.
-
-        Parameters
-        ----------
-        value_um : float
-            Value of the press, in um; its mean is 0 without a shift.
-        sigma_um : float
-            Its standard deviation, in um.
-        """
+        """Take the value of a press, whose mean is 0 without a shift, and its deviation."""
         shift = self._shift_um / sigma_um
         self._shift += (shift - self._shift) / _MEAN_PRESSES
         most = threshold(self._shift, self._presses)
@@ -154,30 +137,12 @@ class Cusum:
 class Notice:
     """Watches the presses of a strip for a drift since the calibration.
 
-    Parameters
-    ----------
-    spectra : PressSpectra
-        Spectra of presses at the calibration.
-    average : int
-        Number of samples in a reading.
-    dark : sequence of float, optional
-        Dark counts of each channel, used until readings without a touch arrive.
-    wrong_um : float
-        Error of positions that is reported, in um.
-    presses : float
-        Mean number of presses until a false alarm.
+    `spectra` are those of presses at the calibration. The dark counts of each channel are used
+    until readings without a touch arrive. An error of `wrong_um` is reported; a false alarm comes
+    after a mean of `presses` presses. The attribute `presses` counts the presses so far.
 
-    Attributes
-    ----------
-    error_um : numpy.ndarray
-        Mean estimated errors of the latest presses, by group of `drift_model.GROUPS`; the last
-        element is the error by all causes.
-    wrong : bool
-        Whether positions are probably wrong by more than `wrong_um`.
-    floor : Floor
-        Light of the untouched strip.
-    presses : int
-        Number of presses so far.
+    `error_um` are the mean estimated errors of the latest presses, by group of
+    `drift_model.GROUPS`; the last element is the error by all causes.
     """
 
     def __init__(
@@ -257,20 +222,11 @@ class Notice:
     def estimate(
         self, place_um: np.ndarray, net: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return the probable errors of the position of one press.
+        """Return the probable errors of the position of one press, and their standard deviations.
 
-        Parameters
-        ----------
-        place_um : numpy.ndarray, shape (n,)
-            Positions of n readings of the press, in um; two or more.
-        net : numpy.ndarray, shape (n, 6)
-            Counts minus those of the untouched strip.
-
-        Returns
-        -------
-        errors_um, sigmas_um : numpy.ndarray
-            Errors as in `error_um`, and their standard deviations. None instead of both if the
-            readings differ more than noise explains.
+        `place_um` has the positions of two or more readings, `net` their counts minus those of the
+        untouched strip, shape (n, 6). The errors are as in `error_um`. None instead of both if the
+        readings differ more than noise explains.
         """
         known, spectra, count = self._known, self._spectra, len(net)
         residuals = np.log2(net) - spectra.logs(place_um)
@@ -313,18 +269,8 @@ def notice_for(
 ) -> Notice | None:
     """Return a `Notice` for a strip; None if its calibration has no spectra, or it is stretched.
 
-    Parameters
-    ----------
-    lines : sequence of str or None
-        Lines of the calibration on the board, if they are known.
-    settings : Mapping
-        Settings of the board, from its reply to ``hello`` or ``get``.
-    **options
-        Further arguments of `Notice`.
-
-    Returns
-    -------
-    Notice or None
+    `lines` are the calibration on the board, if known; `settings` are from its reply to ``hello``
+    or ``get``.
     """
     spectra = press_spectra(lines)
     if spectra is None or settings.get("strain_ppm"):

@@ -54,13 +54,7 @@ def form(scheme: str) -> str:
 
 
 def modules(without: Collection[str] = ()) -> Iterator[tuple[str, ModuleType]]:
-    """Yield (scheme, module) of each kind of port whose package is installed.
-
-    Parameters
-    ----------
-    without : collection of str
-        Schemes to leave out.
-    """
+    """Yield (scheme, module) of each kind of port whose package is installed."""
     for entry in sorted(entry_points(group=GROUP)):
         if entry.name not in without:
             with suppress(ImportError):
@@ -68,13 +62,7 @@ def modules(without: Collection[str] = ()) -> Iterator[tuple[str, ModuleType]]:
 
 
 def known(without: Collection[str] = ()) -> str:
-    """Return a text that lists the forms of non-serial ports, such as ``zenoh:ID``.
-
-    Parameters
-    ----------
-    without : collection of str
-        Schemes of ports to leave out.
-    """
+    """Return a text that lists the forms of non-serial ports, such as ``zenoh:ID``."""
     names = sorted({entry.name for entry in entry_points(group=GROUP)} - set(without))
     forms = [_FORMS.get(name, f"'{name}'") for name in names]
     return " or ".join(filter(None, [", ".join(forms[:-1]), *forms[-1:]]))
@@ -96,22 +84,8 @@ def scheme_name(port: str | None) -> str:
 def scheme(port: str | None) -> tuple[ModuleType | None, str]:
     """Return the module that opens a port such as ``zenoh:ID``, and the text after the colon.
 
-    Parameters
-    ----------
-    port : str or None
-        Port as for `spots.open`.
-
-    Returns
-    -------
-    module : module or None
-        None if `port` is a serial port or None.
-    target : str
-        Text after the colon; the whole port if it has no scheme.
-
-    Raises
-    ------
-    SpotsError
-        If a package that the scheme needs is not installed.
+    The module of a serial port is None, and its text the whole port. RequirementError if a package
+    that the scheme needs is not installed.
     """
     name, _, target = (port or "").partition(":")
     try:
@@ -126,20 +100,8 @@ def scheme(port: str | None) -> tuple[ModuleType | None, str]:
 
 
 def offered(port: str | None, what: str) -> Any:
-    """Return an optional function of the module that opens a port such as ``zenoh:ID``.
+    """Return an optional function of the module that opens a port, or None.
 
     The docstring of this file lists these functions.
-
-    Parameters
-    ----------
-    port : str or None
-        Port as for `spots.open`.
-    what : str
-        Name of the function.
-
-    Returns
-    -------
-    callable or None
-        None if the module has no such function, or the port is a serial port.
     """
     return getattr(scheme(port)[0], what, None)

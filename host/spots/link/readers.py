@@ -44,12 +44,7 @@ class FrameLog:
     def append(self, frame: Reading, stats: LinkStats) -> None:
         """Add a frame, and drop the oldest frame if the log is full.
 
-        Parameters
-        ----------
-        frame : Touch, Spectrum, Key or Contact
-            The latest frame.
-        stats : LinkStats
-            Statistics of the link; `overrun` counts the frames that no reader took in time.
+        `stats.overrun` counts the frames that no reader took in time.
         """
         with self._lock:
             places = [reader.place for reader in self._alive()]

@@ -28,17 +28,7 @@ _STREAM_TRIES = 3  # attempts to resume the streams after a restart
 class Connection:
     """Identifies the board on a channel, and resumes its streams when they stop.
 
-    Parameters
-    ----------
-    channel : channel.Channel
-        Channel to the board.
-    commands : commands.Commands
-        Commands over this channel.
-
-    Attributes
-    ----------
-    patience_s : float
-        Time in seconds for which a streaming board may be unplugged before SpotsError is raised.
+    A streaming board may be unplugged for `patience_s` before PortLostError is raised.
     """
 
     def __init__(self, channel: Channel, commands: Commands):
@@ -60,10 +50,7 @@ class Connection:
     def open(self) -> None:
         """Identify the board, and map its clock to the host's clock.
 
-        Raises
-        ------
-        SpotsError
-            If no board answers, or the board has another protocol version than this program.
+        SpotsError if no board answers, or it has another protocol version than this program.
         """
         channel = self._channel
         channel.info = self._hello() if channel.player is None else channel.player.info
@@ -74,15 +61,7 @@ class Connection:
     def advance(self, timeout_s: float) -> None:
         """Take what arrives within a time; look after a board that is silent or unplugged.
 
-        Parameters
-        ----------
-        timeout_s : float
-            Longest time to wait for the first bytes, in seconds.
-
-        Raises
-        ------
-        SpotsError
-            If the board is lost for longer than `patience_s`.
+        SpotsError if the board is lost for longer than `patience_s`.
         """
         self._pump_or_resume(timeout_s)
         state = self.state

@@ -136,19 +136,10 @@ _KINDS: dict[str, tuple[Any, dict[str, object]]] = {
 
 
 def decoded(data: Any) -> dict[str, Any]:
-    """Decode a JSON object from an untrusted sender.
+    """Decode a JSON object from an untrusted sender; ValueError if it is invalid or too long.
 
-    Opening brackets are counted before parsing, because the parser recurses at each bracket.
-
-    Parameters
-    ----------
-    data : bytes or zenoh.ZBytes
-        Text of the object; copied only if it is at most `JSON_BYTES_MAX` bytes long.
-
-    Raises
-    ------
-    ValueError
-        If the data is not a JSON object, is too long, or contains too many lists and objects.
+    Opening brackets are counted before parsing, because the parser recurses at each bracket. A
+    message of Zenoh is copied only if it is at most `JSON_BYTES_MAX` bytes long.
     """
     if len(data) > JSON_BYTES_MAX:
         raise ValueError(f"a message must have at most {JSON_BYTES_MAX} bytes")
@@ -159,25 +150,10 @@ def decoded(data: Any) -> dict[str, Any]:
 
 
 def validated(name: str, reply: dict[str, Any]) -> dict[str, Any]:
-    """Validate a reply, and add the defaults of missing keys.
+    """Validate a reply, and add the defaults of missing keys; unknown keys are allowed.
 
-    Parameters
-    ----------
-    name : str
-        Name of the command.
-    reply : dict
-        Reply of the board. Unknown keys are allowed.
-
-    Returns
-    -------
-    dict
-        The reply with all known keys. In their values, control characters are escaped, and the
-        numbers of a board's errors are replaced by words.
-
-    Raises
-    ------
-    msgspec.ValidationError
-        If a value is invalid.
+    In the values of the known keys, control characters are escaped, and the numbers of a board's
+    errors are replaced by words. msgspec.ValidationError if a value is invalid.
     """
     if name not in _KINDS:
         return reply

@@ -29,19 +29,9 @@ _SHIFTS = np.geomspace(0.5, 6.0, 12)
 def run_length(shift: float, threshold: float) -> float:
     """Return the mean number of presses until a false alarm.
 
-    Parameters
-    ----------
-    shift : float
-        Shift of the mean that the test looks for, in standard deviations.
-    threshold : float
-        Threshold of the sum of the logarithms.
+    `shift` is what the test looks for, in standard deviations; `threshold` is that of the sum of
+    the logarithms.
 
-    Returns
-    -------
-    float
-
-    Examples
-    --------
     >>> round(run_length(1.0, 5.0))
     930
     """
@@ -56,18 +46,7 @@ def run_length(shift: float, threshold: float) -> float:
 
 @lru_cache
 def thresholds(presses: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return shifts, and for each shift the threshold with this mean number of presses.
-
-    Parameters
-    ----------
-    presses : float
-        Mean number of presses until a false alarm.
-
-    Returns
-    -------
-    shifts, thresholds : numpy.ndarray
-        See `run_length`.
-    """
+    """Return shifts, and for each shift the threshold with this mean number of presses."""
     return _SHIFTS, np.array([_threshold(float(shift), presses) for shift in _SHIFTS])
 
 
@@ -75,17 +54,6 @@ def threshold(shift: float, presses: float) -> float:
     """Return a threshold with which a false alarm comes after `presses` presses on average.
 
     For large shifts, it is so large that false alarms come less often.
-
-    Parameters
-    ----------
-    shift : float
-        Shift of the mean that the test looks for, in standard deviations.
-    presses : float
-        Mean number of presses until a false alarm.
-
-    Returns
-    -------
-    float
     """
     return float(np.interp(shift, *thresholds(presses)))
 

@@ -38,15 +38,8 @@ def takes_nothing(port: str) -> str:
 class SerialLink(Link):
     """Link to a board over a serial port, which no other program can open meanwhile.
 
-    Parameters
-    ----------
-    port : str
-        Name such as ``/dev/ttyACM0``, or a URL of pyserial such as ``socket://HOST:PORT``.
-
-    Raises
-    ------
-    SpotsError
-        If the port does not exist, is busy, or access is denied.
+    The port may be a URL of pyserial such as ``socket://HOST:PORT``. PortError if it does not
+    exist, is busy, or access is denied.
     """
 
     # Timeout of a read on Windows. The timeout never changes, because a change sets up the port
@@ -184,13 +177,8 @@ def usb_boards(wanted: Callable[[str], bool] = lambda number: True) -> list[list
 class UsbDevice:
     """Identity of a USB device, whose ports may get other names when it is plugged in again.
 
-    A serial number that only this device has identifies the device in every USB socket. Some
-    boards have the same serial number, or none: then the device is the one in the same socket.
-
-    Parameters
-    ----------
-    port : ListPortInfo
-        A port of the device.
+    A serial number that only this device has identifies the device in every USB socket. Some boards
+    have the same serial number, or none: then the device is the one in the same socket.
     """
 
     def __init__(self, port: Any):

@@ -33,19 +33,7 @@ _ReadingT = TypeVar("_ReadingT", bound=Reading)
 class Streams:
     """Starts the streams of a board, and reads them.
 
-    Parameters
-    ----------
-    channel : channel.Channel
-        Channel to the board.
-    commands : commands.Commands
-        Commands over this channel.
-    connection : reconnect.Connection
-        Connection over this channel.
-
-    Attributes
-    ----------
-    chosen : bool
-        Whether the program has chosen the streams with a command.
+    `chosen` is whether the program has chosen the streams with a command.
     """
 
     def __init__(self, channel: Channel, commands: Commands, connection: Connection):
@@ -91,20 +79,9 @@ class Streams:
     def start(
         self, seconds: float | None, *kinds: type[_ReadingT], wanted: bool = True
     ) -> FrameIterator[_ReadingT]:
-        """Return an iterator over frames.
+        """Return an iterator over frames of some kinds; start their streams if `wanted`.
 
-        Parameters
-        ----------
-        seconds : float or None
-            Duration of the iteration by the clock of the link; None for no limit.
-        *kinds : type
-            Kinds of the frames.
-        wanted : bool
-            Whether to start the streams of these kinds.
-
-        Returns
-        -------
-        readers.FrameIterator
+        The duration is by the clock of the link; None for no limit.
         """
         channel = self._channel
         channel.check_open()

@@ -40,25 +40,9 @@ WHO_TRIES = 5
 
 
 def duration_s(value: object, name: str) -> float:
-    """Return an argument of a function that is a duration in seconds; validate it.
+    """Return an argument that is a duration in seconds; SettingError if it is not a number.
 
     A negative duration is valid: a program may compute it as the rest of a time that has passed.
-
-    Parameters
-    ----------
-    value : object
-        The argument.
-    name : str
-        Name of the argument, for the error message.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    SettingError
-        If the value is not a number.
     """
     try:
         found = float(value)  # pyright: ignore[reportArgumentType]
@@ -70,20 +54,7 @@ def duration_s(value: object, name: str) -> float:
 
 
 def silent_s(least_s: float, every_s: float) -> float:
-    """Return a timeout that is long enough for a slow board.
-
-    Parameters
-    ----------
-    least_s : float
-        Smallest timeout, in seconds.
-    every_s : float
-        Time from one reading to the next, in seconds.
-
-    Returns
-    -------
-    float
-        The longer one of `least_s` and three times `every_s`, in seconds.
-    """
+    """Return a timeout that is long enough for a slow board: three readings, or `least_s`."""
     return max(least_s, _SILENT_READINGS * every_s)
 
 
@@ -93,25 +64,11 @@ class LinkLoss:
     States: ``connected``; ``stalled`` if no expected reading has arrived for `STALLED_S`; ``lost``
     if the port is unplugged; ``refused`` while another board is on the port.
 
-    Parameters
-    ----------
-    now_s : float
-        Present time by the link's clock, in seconds. All times of this class are by this clock.
-
-    Attributes
-    ----------
-    every_s : float
-        Time from one reading to the next, in seconds.
-    ask_s : float
-        Time of the next query to a silent board, in seconds.
-    reopen_s : float
-        Time of the next search for an unplugged board, in seconds; valid only while `unplugged`.
-    first_asked_s : float
-        Time of the first query since the last frame that `heard` recorded, in seconds.
-    is_open : bool
-        Whether a lost port is open again but its board is not identified yet.
-    tries : int
-        Number of queries sent to the unidentified board.
+    All times are by the link's clock. `every_s` is the time from one reading to the next. `ask_s`
+    is that of the next query to a silent board, `reopen_s` that of the next search for an unplugged
+    board, valid only while `unplugged`, and `first_asked_s` that of the first query since the last
+    frame that `heard` recorded. If `is_open`, a lost port is open again but its board is not
+    identified yet; `tries` counts the queries to it.
     """
 
     def __init__(self, now_s: float):
@@ -134,19 +91,7 @@ class LinkLoss:
         return STALLED if self.silent(now_s, STALLED_S) else CONNECTED
 
     def silent(self, now_s: float, least_s: float) -> bool:
-        """Return whether an expected reading is late.
-
-        Parameters
-        ----------
-        now_s : float
-            Present time by the link's clock, in seconds.
-        least_s : float
-            Time in seconds after which a reading is late; longer for a slow board, see `silent_s`.
-
-        Returns
-        -------
-        bool
-        """
+        """Return whether an expected reading is late; a slow board has more time: `silent_s`."""
         return now_s - self._expected_s > silent_s(least_s, self.every_s)
 
     def heard(self, now_s: float) -> None:
@@ -188,17 +133,8 @@ class LinkLoss:
     def look_later(self, now_s: float, refused: bool) -> bool:
         """Record a failed search for the board, and schedule the next search.
 
-        Parameters
-        ----------
-        now_s : float
-            Present time by the link's clock, in seconds.
-        refused : bool
-            Whether the search found another board on the port.
-
-        Returns
-        -------
-        bool
-            Whether the state has just become ``refused``.
+        `refused` is whether the search found another board on the port. True if the state has just
+        become ``refused``.
         """
         newly, self._refused = refused and not self._refused, refused
         self.is_open = False

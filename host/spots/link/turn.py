@@ -28,18 +28,8 @@ class Turn:
     ) -> bool:
         """Acquire the lock; stop waiting for it after a timeout, or if ``unless()`` is true.
 
-        Parameters
-        ----------
-        timeout_s : float, optional
-            Longest time to wait for the lock, in seconds; no limit if not given.
-        unless : callable
-            Called at each release of the lock and at each `wake`; ``unless()`` returns True to end
-            the wait.
-
-        Returns
-        -------
-        bool
-            Whether the lock was acquired.
+        ``unless()`` is called at each release of the lock and at each `wake`. Returned is whether
+        the lock was acquired.
         """
         me = threading.get_ident()
         if self._owner == me:

@@ -44,11 +44,7 @@ class Untrusted:
     Usually the next reading without a fault ends the warning. There is a special case: the spectrum
     of each press does not fit the calibration. Since one press may be too short for a warning, the
     durations of successive presses are added up. Only a trusted press then ends the warning.
-
-    Attributes
-    ----------
-    sentence : str
-        Text of the warning: cause and remedy; empty while there is no warning.
+    `sentence` has cause and remedy; it is empty while there is no warning.
     """
 
     def __init__(self):
@@ -58,16 +54,9 @@ class Untrusted:
         self._misfit_press = False
 
     def take(self, touch: Touch, now_s: float, light_moves: bool = False) -> None:
-        """Take a reading and update `sentence`.
+        """Take a reading, which arrived at a time of `Board.now_s`, and update `sentence`.
 
-        Parameters
-        ----------
-        touch : Touch
-            The next reading of the strip.
-        now_s : float
-            Time at which the reading arrived, in seconds by the clock of `Board.now_s`.
-        light_moves : bool, optional
-            Whether the ambient light changes, which is then the probable cause of a misfit.
+        If `light_moves`, the ambient light changes, which is then the probable cause of a misfit.
         """
         # Without a press, `TOO_DARK` is always set. It is cleared here, because `TWO_FIT`, which
         # is `TOO_DARK` with `MISFIT`, has its meaning only during a press.

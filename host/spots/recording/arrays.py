@@ -45,12 +45,8 @@ _KNOWN: dict[type[Reading], Callable[[np.ndarray], Any]] = {
 class _Table:
     """One kind of frame: its layout as bytes on the link, and as a row of an array.
 
-    Parameters
-    ----------
-    kind : type
-        Type of the frames.
-    body : str
-        `struct` format of the bytes after the header, in the order of the fields of `kind`.
+    `body` is the `struct` format of the bytes after the header, in the order of the fields of
+    `kind`.
     """
 
     def __init__(self, kind: type[Reading], body: str):
@@ -66,20 +62,7 @@ class _Table:
         self.dtype = np.dtype([*_HEADER, *columns, *known], align=True)
 
     def array(self, columns: np.ndarray, time_s: np.ndarray, arrived_s: np.ndarray) -> np.ndarray:
-        """Convert payloads to rows of an array.
-
-        Parameters
-        ----------
-        columns : ndarray, shape (size of a payload, n), uint8
-            Payloads of frames; each column is a payload.
-        time_s, arrived_s : ndarray, shape (n,)
-            Host time of measurement and of arrival, in seconds.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Structured array with the fields of `dtype`.
-        """
+        """Convert payloads, one a column of n, to n rows of `dtype`; the times are host times."""
         wire: Any = np.ascontiguousarray(columns.T).view(self._wire)[:, 0]
         rows = np.zeros(len(wire), self.dtype)
         for name in wire.dtype.names[1:]:
@@ -106,16 +89,10 @@ class _Run(NamedTuple):
     """Consecutive pieces of a recording: notes that contain only a time, and frames except texts.
 
     A note is metadata that the recorder adds between frames. A piece is the bytes between two
-    delimiters. Indices count these pieces from 0.
-
-    Attributes
-    ----------
-    t_us : ndarray, shape (n,), int64
-        Time of each piece in us: board time modulo 2**32, or the low 32 bits of a note's time.
-    notes_at, since_us : ndarray of int64
-        Index of each note, and its time in us since the recording's file began.
-    tables : dict
-        For each kind of frame: indices of its frames, and an array whose columns are the payloads.
+    delimiters. Indices count these pieces from 0. `t_us` is the time of each piece: board time
+    modulo 2**32, or the low 32 bits of a note's time. `since_us` is the time of each note since the
+    recording's file began. `tables` has, for each kind of frame, the indices of its frames, and an
+    array whose columns are the payloads.
     """
 
     t_us: np.ndarray

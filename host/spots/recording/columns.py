@@ -30,23 +30,11 @@ _TABLES = _tables()
 
 
 def payloads(data: np.ndarray, starts: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Decode COBS and check the CRC of pieces of one size.
+    """Decode COBS and check the CRC of m pieces of one size that begin at indices of a stream.
 
-    Parameters
-    ----------
-    data : ndarray, shape (n,), uint8
-        Bytes of a stream.
-    starts : ndarray, shape (m,), intp
-        Index of the first byte of each piece. No byte of a piece may be zero.
-    size : int
-        Number of bytes of each piece, `CRC_SIZE` + 1 to `SIZE_MAX`.
-
-    Returns
-    -------
-    columns : ndarray, shape (size - 1 - CRC_SIZE, number of valid pieces), uint8
-        Payloads without the CRC. Each column is a payload.
-    good : ndarray, shape (m,), bool
-        Whether each piece is valid.
+    No byte of a piece may be zero; `size` is from `CRC_SIZE` + 1 to `SIZE_MAX`. Returned are the
+    payloads of the valid pieces without the CRC, one a column, and whether each piece is valid,
+    shape (m,).
     """
     columns = np.empty((size - 1, len(starts)), np.uint8)
     ahead = data.take(starts)  # distance of the next COBS code byte

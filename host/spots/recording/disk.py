@@ -18,22 +18,8 @@ class Disk:
 
     If the process is killed, no appended byte is lost. A separate thread flushes the file to the
     disk every second, so a power cut loses about the last second. `append` does not wait for this;
-    if it fails, for example because of a quota, the next `append` or `close` reports it.
-
-    Parameters
-    ----------
-    path : Path
-        Name of the new file.
-
-    Attributes
-    ----------
-    bytes : int
-        Size of the file.
-
-    Raises
-    ------
-    SpotsError
-        If the file exists, or cannot be created.
+    if it fails, for example because of a quota, the next `append` or `close` reports it. FileError
+    if the file exists, or cannot be created.
     """
 
     def __init__(self, path: Path):

@@ -35,23 +35,10 @@ def schema(table: Table) -> dict:
 
 
 def log_message(time_ns: int, content: str, name: str) -> dict:
-    """Return a board's log line, or its reply to a command, as a log message for Foxglove.
+    """Return a board's log line, or its reply to a command, as a message ``foxglove.Log``.
 
-    Replies to commands get the level debug.
-
-    Parameters
-    ----------
-    time_ns : int
-        Time of the text's arrival, in ns since 1970.
-    content : str
-        Log line or reply, as the text of a JSON object.
-    name : str
-        Name of the board.
-
-    Returns
-    -------
-    dict
-        Message of the schema ``foxglove.Log``.
+    `content` is the text of a JSON object, which arrived at `time_ns` since 1970. Replies to
+    commands get the level debug.
     """
     text = json.loads(content)
     is_log = isinstance(text.get("log"), str)

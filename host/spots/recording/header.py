@@ -114,24 +114,10 @@ def encoded(header: Header) -> bytes:
 
 
 def read(path: Path, blocks: Iterable[bytes]) -> Header:
-    """Read and validate the header of a recording.
+    """Read and validate the header of a recording; `path` is for error messages only.
 
-    Parameters
-    ----------
-    path : Path
-        Path of the file, for error messages only.
-    blocks : iterable of bytes
-        Content of the file, from its start.
-
-    Returns
-    -------
-    Header
-
-    Raises
-    ------
-    FileError
-        If the file has no header, its header is invalid, or this program cannot read its version or
-        the board's protocol.
+    FileError if the file has no header, its header is invalid, or this program cannot read its
+    version or the board's protocol.
     """
     decoder, pieces, searched = Decoder(), {}, bytearray()
     for block in blocks:

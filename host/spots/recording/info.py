@@ -13,18 +13,9 @@ from .table import VALUES, shown
 def summary(path: str | Path) -> dict:
     """Read a recording to its end and return its summary, as ``spots info --json`` prints it.
 
-    Returns
-    -------
-    dict
-        ``files``: paths; ``bytes``: size of all files; ``begun``: start in UTC (ISO 8601);
-        ``duration_s``; ``frames``: number of frames of each kind; ``lost``, ``bad``: `lost` and
-        `bad_crc` of `LinkStats`; ``restarts``, ``cut_bytes``, ``complete``, ``joined``, ``notes``:
-        as in `Recording`; ``header``: the fields of the `Header`.
-
-    Raises
-    ------
-    SpotsError
-        If the recording cannot be read.
+    ``begun`` is in UTC (ISO 8601), ``bytes`` the size of all files. ``lost`` and ``bad`` are `lost`
+    and `bad_crc` of `LinkStats`; ``restarts``, ``cut_bytes``, ``complete``, ``joined`` and
+    ``notes`` are those of `Recording`. FileError if the recording cannot be read.
     """
     recording = RecordingBlocks(path)
     counts = dict.fromkeys(VALUES, 0)

@@ -39,16 +39,9 @@ _SEQUENCES = 1 << 16
 
 
 class Recalibrated(NamedTuple):
-    """Result of `recalibrate`.
+    """Result of `recalibrate`: the new files, and how many readings they have.
 
-    Attributes
-    ----------
-    paths : list of Path
-        The new files.
-    known, unknown : int
-        Number of readings that were computed, and of those that could not be.
-    why : list of str
-        Why readings are unknown, as sentences.
+    `unknown` counts the readings that could not be computed; `why` has sentences about them.
     """
 
     paths: list[Path]
@@ -244,29 +237,10 @@ def recalibrate(
     its position and force are unknown. The readings of a strip without a new calibration stay as
     they are.
 
-    Parameters
-    ----------
-    path : str or Path
-        File of the recording.
-    calibrations : sequence
-        For one or more strips: the path of a calibration file, or the lines of a calibration. Each
-        calibration contains the strip to which it belongs.
-    out : str or Path, optional
-        Name of the new recording. For ``run.spots``, the default is ``run-recalibrated.spots``.
-
-    Returns
-    -------
-    Recalibrated
-
-    Raises
-    ------
-    FileError
-        If the recording or a calibration cannot be read, if no reading can be computed, or if the
-        new file exists. Then no file is written.
-    CalibrationError
-        If a calibration is invalid, or belongs to no strip of the recording.
-    SettingError
-        If two calibrations belong to one strip.
+    A calibration is a path, or lines, for one strip. For ``run.spots``, `out` is
+    ``run-recalibrated.spots`` by default. FileError if a file cannot be read, no reading can be
+    computed, or the new file exists; CalibrationError if a calibration is invalid, or belongs to no
+    strip of the recording; SettingError if two belong to one strip. Then no file is written.
     """
     recording = Recording(path)
     header = recording.header

@@ -26,25 +26,10 @@ def record(
 ) -> None:
     """Record the data of a board, for a given time or until Ctrl-C; show progress on stderr.
 
-    Parameters
-    ----------
-    board : Board
-        The board to record.
-    path : str
-        Name of the new file.
-    seconds : float or None
-        Duration, in seconds by the clock of `Board.now_s`; no limit if None.
-    rotate_bytes : int or None
-        Approximate largest size of a file, in bytes; see `Board.record`.
-    calibration : list of str or None
-        Lines of the board's calibration, to be stored in the recording; None if unknown.
-    marks : bool
-        Whether each line of standard input marks its moment, see `Board.mark`.
-
-    Raises
-    ------
-    CalibrationError
-        If `calibration` is not the one that the board uses, or the file cannot be written.
+    The time is that of `Board.now_s`; `rotate_bytes` is that of `Board.record`. `calibration` has
+    lines to be stored in the recording; CalibrationError if they are not those that the board uses.
+    With `marks`, each line of standard input marks its moment, see `Board.mark`. FileError if the
+    file cannot be written.
     """
     if calibration is not None:
         used, name = board.command("hello")["calibration"], checksum(calibration)

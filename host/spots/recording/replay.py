@@ -22,14 +22,7 @@ class RecordedLink(FrameLink):
 
     Its clock is that of the playback, on the time scale of the recording. All commands except
     ``hello`` and ``stream`` are refused, and ``stream`` has no effect: all recorded frames are
-    delivered.
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording to play.
-    speed : float
-        1 for the original pace, 2 for twice as fast, infinity for no pauses.
+    delivered. `speed` is 1 for the original pace, infinity for no pauses.
     """
 
     def __init__(self, recording: Recording, speed: float = 1.0):
@@ -105,21 +98,7 @@ class RecordedLink(FrameLink):
 def open_port(target: str, options: Namespace | None = None) -> Board:
     """Open the port ``recording:FILE`` as a board, at the original pace; see `link.ports`.
 
-    Parameters
-    ----------
-    target : str
-        Path of the recording.
-    options : Namespace, optional
-        Ignored.
-
-    Returns
-    -------
-    Board
-
-    Raises
-    ------
-    SettingError
-        If `target` is empty, or the recording cannot be read.
+    SettingError if `target`, the path, is empty; FileError if the recording cannot be read.
     """
     if not target:
         raise SettingError("the port 'recording:' has no file: write recording:FILE.spots")

@@ -149,17 +149,7 @@ class _Strip(of_board.Strip):
 
 
 class Sample(NamedTuple):
-    """A spectrum of a recording.
-
-    Attributes
-    ----------
-    t_us : int
-        Time of its reading.
-    flags : int
-        Its flags.
-    counts : tuple of int
-        Its six counts.
-    """
+    """A spectrum of a recording; `t_us` is the time of its reading."""
 
     t_us: int
     flags: int
@@ -169,27 +159,10 @@ class Sample(NamedTuple):
 class ReplayedStrip:
     """Computes the readings of one strip of a recording again.
 
-    Parameters
-    ----------
-    uid : str or None
-        Id of the strip.
-    plan : sequence of str
-        Channels of its ADCs.
-    lines : sequence of str
-        Lines of the calibration to use; empty without one.
-    own : bool
-        Whether this is the calibration that the board uses.
-
-    Attributes
-    ----------
-    name : str
-        Checksum of the calibration.
-    why_not : str or None
-        Why the calibration cannot be used at the present settings of the board.
-    is_known : bool
-        Whether the state of the strip is known.
-    why_unknown : str
-        Why the readings after the last STATE frame cannot be computed; empty if they can.
+    `uid` is the id of the strip, `plan` the channels of its ADCs. The lines of the calibration are
+    empty without one; `own` is whether the board uses it. `name` is its checksum. `why_not` is why
+    it cannot be used at the present settings of the board, None if it can. `why_unknown` is why the
+    readings after the last STATE frame cannot be computed; empty if they can.
     """
 
     def __init__(self, uid: str | None, plan: Sequence[str], lines: Sequence[str], own: bool):

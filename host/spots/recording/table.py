@@ -21,17 +21,11 @@ from .header import Header
 
 
 class Table(NamedTuple):
-    """A table of exported frames of one kind: its name and its columns.
+    """A table of exported frames of one kind: the names and types of its columns.
 
-    Attributes
-    ----------
-    name : str
-        Name of the table, and of the kind of frames.
-    dtype : numpy.dtype
-        Names and types of the columns; the length of a text is 0. Every table begins with the
-        columns ``time_s`` (time of the measurement; if this is unknown, and for a text or a mark,
-        the time of arrival), ``arrived_s``, ``sensor``, ``sequence`` and ``t_us``. The first two
-        are in s since the recording began.
+    The length of a text is 0. Every table begins with the columns ``time_s`` (time of the
+    measurement; if this is unknown, and for a text or a mark, the time of arrival), ``arrived_s``,
+    ``sensor``, ``sequence`` and ``t_us``. The first two are in s since the recording began.
     """
 
     name: str
@@ -90,14 +84,9 @@ Row = tuple[Table, tuple[Any, ...]]
 class Description(NamedTuple):
     """The facts that the tables of a recording do not contain.
 
-    Attributes
-    ----------
-    header : Header
-        Header of the recording.
-    changes : list of dict
-        Settings, calibration and dark frame that the board reported during the recording, where
-        they differ from those before. Each dict has ``arrived_s``, the time since the recording
-        began, ``sensor``, and the new values. Settings of keys are left out.
+    `changes` has the settings, calibration and dark frame that the board reported during the
+    recording, where they differ from those before. Each dict has ``arrived_s``, the time since the
+    recording began, ``sensor``, and the new values. Settings of keys are left out.
     """
 
     header: Header
@@ -154,17 +143,8 @@ def tables(channels: Sequence[str]) -> list[Table]:
 def rows(recording: RecordingBlocks, channels: Sequence[str]) -> Iterator[Row]:
     """Yield rows of the tables in order of arrival; show the progress on a terminal.
 
-    Parameters
-    ----------
-    recording : RecordingBlocks
-        The recording to export.
-    channels : sequence of str
-        Names of the channels of the six ADCs, see `Description.channels`.
-
-    Yields
-    ------
-    tuple
-        Table, and a tuple with a value for each column; an unknown value is None.
+    A row has a value for each column; an unknown value is None. `channels` are those of
+    `Description.channels`.
     """
     begun_s = recording.header.host_s
     every = tables(channels)

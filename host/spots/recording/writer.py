@@ -26,39 +26,15 @@ ARRIVAL_STEP_S = 0.005
 class Writer(AbstractContextManager):
     """Writes the frames of a link to files, and notes about time and clocks between the frames.
 
-    The format is in docs/program/recording-format.md.
+    The format is in docs/program/recording-format.md. ``now_s()`` is the time of the link's clock.
+    ``describe()`` returns a dict with the present ``info``, ``clock``, ``calibration``,
+    ``restarts`` and ``sequence`` for a `header.Header`. `begun` are bytes of an incomplete frame
+    that arrived before the recording began. Beyond about `rotate_bytes`, FILE.spots continues in
+    FILE-001.spots, FILE-002.spots, ...; none of these may exist yet. FileError if a file already
+    exists or cannot be written.
 
-    Parameters
-    ----------
-    now_s : callable
-        ``now_s()`` returns the present time by the link's clock, in seconds.
-    path : str or Path
-        Name of the new file.
-    describe : callable
-        ``describe()`` returns a dict with the present ``info``, ``clock``, ``calibration``,
-        ``restarts`` and ``sequence`` for a `header.Header`.
-    begun : bytes
-        Bytes of an incomplete frame that arrived before the recording began.
-    rotate_bytes : int, optional
-        Approximate largest size of a file, in bytes. After FILE.spots the recording continues in
-        FILE-001.spots, FILE-002.spots, ...; none of these may exist yet. No limit if not given.
-    utc_s : callable
-        ``utc_s()`` returns the seconds since 1970.
-
-    Attributes
-    ----------
-    paths : list of Path
-        Paths of the files.
-    bytes : int
-        Size of all files together.
-    on_error : callable or None
-        ``on_error(error)`` is called if nothing more can be written, instead of an exception from
-        `take`, which would end the program's reading from the link.
-
-    Raises
-    ------
-    SettingError
-        If a file already exists or cannot be written.
+    ``on_error(error)`` is called if nothing more can be written, instead of an exception from
+    `take`, which would end the program's reading from the link.
     """
 
     def __init__(
@@ -98,19 +74,9 @@ class Writer(AbstractContextManager):
         self.stop()
 
     def take(self, data: bytes, now_s: float) -> None:
-        """Record bytes of the link; ignore them after the end of the recording.
+        """Record bytes that arrived at a time of the link's clock; ignored after the end.
 
-        Parameters
-        ----------
-        data : bytes
-            Bytes that have arrived.
-        now_s : float
-            Time at which the bytes arrived, in seconds by the link's clock.
-
-        Raises
-        ------
-        SpotsError
-            If nothing more can be written, and `on_error` is None. The recording then ends.
+        FileError if nothing more can be written, and `on_error` is None. The recording then ends.
         """
         with self._lock:
             if data and self._disk is not None:
@@ -124,13 +90,7 @@ class Writer(AbstractContextManager):
                     self.on_error(error)
 
     def mark(self, text: str) -> None:
-        """Write a mark of the present moment; ignored after the end of the recording.
-
-        Parameters
-        ----------
-        text : str
-            Text of the mark.
-        """
+        """Write a mark of the present moment; ignored after the end of the recording."""
         with self._lock:
             if self._disk is None:
                 return
@@ -143,10 +103,7 @@ class Writer(AbstractContextManager):
     def stop(self) -> None:
         """End the recording. Idempotent, and safe while another thread reads from the link.
 
-        Raises
-        ------
-        SpotsError
-            If the end of the recording cannot be written.
+        FileError if the end of the recording cannot be written.
         """
         with self._lock:
             if self._disk is None:
@@ -228,19 +185,7 @@ def _bounds(clock: dict) -> tuple:
 
 
 def part_path(path: Path, part: int) -> Path:
-    """Return the path of one of a recording's files: FILE.spots, FILE-001.spots, ...
-
-    Parameters
-    ----------
-    path : Path
-        Path of the first file.
-    part : int
-        Number of the file, from 0.
-
-    Returns
-    -------
-    Path
-    """
+    """Return the path of one of a recording's files: FILE.spots, FILE-001.spots, ..."""
     return path if part == 0 else path.with_name(f"{path.stem}-{part:03d}{path.suffix}")
 
 
