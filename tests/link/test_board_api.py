@@ -6,6 +6,7 @@ import asyncio
 import itertools
 import math
 import struct
+import subprocess
 import sys
 import threading
 from collections import deque
@@ -549,6 +550,27 @@ def test_an_encoder_of_a_file_and_a_port_that_is_a_path(tmp_path):
     assert spots_linkage.Encoder(file).joint == spots_linkage.Encoder(str(file)).joint
     with refusal(PortError):
         spots.open(tmp_path / "ttyNONE")
+
+
+LEFT_OPEN = """
+import threading
+from spots import Board
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.files import ScenarioFile, SensorFile, load
+from spots_sim.strip.scenario import Scenario
+
+link = LockstepLink(load(SensorFile, "default"), Scenario(load(ScenarioFile, "demo")))
+board, read = Board(link), threading.Event()
+board.subscribe(lambda touch: read.set())
+read.wait()
+"""
+
+
+@pytest.mark.board
+def test_a_program_that_leaves_a_virtual_board_open_ends_without_a_message():
+    command = [sys.executable, "-c", LEFT_OPEN]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=GIVE_UP_S)
+    assert done.stderr == ""
 
 
 @pytest.mark.board

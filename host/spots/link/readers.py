@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import math
 import sys
 import threading
@@ -19,6 +20,7 @@ from .frames import Contact, Key, LinkStats, Reading
 
 # A reader that lags by more frames than this loses the oldest ones.
 FRAMES_MAX = 1 << 16
+_END_S = 1.0  # longest wait for a callback at the end of the program
 _ReadingT = TypeVar("_ReadingT", bound=Reading)
 
 
@@ -207,11 +209,17 @@ class Subscription(Generic[_ReadingT]):
         self._frames = frames
         self._callback = Guarded(callback, "a subscriber of a board")
         self._thread = threading.Thread(target=self._run, name="subscription", daemon=True)
+        atexit.register(self._end)
         self._thread.start()
 
     def cancel(self) -> None:
         """Start no further calls, and return immediately; a running call may still continue."""
         self._frames.close()
+
+    def _end(self) -> None:
+        """End the thread when the program ends, before what the thread reads from is closed."""
+        self.cancel()
+        self._thread.join(_END_S)
 
     def _run(self) -> None:
         try:
@@ -225,3 +233,5 @@ class Subscription(Generic[_ReadingT]):
         except Exception as error:
             self.error = error
             self._callback.failed(error)
+        finally:
+            atexit.unregister(self._end)

@@ -62,6 +62,7 @@ class PipedBoard:
         self._board_in = board_in
         self._open = [board_in, self._to_board, self._from_board, board_out]
         self._close_pipes = weakref.finalize(self, close_all, self._open)
+        self._close_pipes.atexit = False  # as in `MicroPythonProcess`
         stdin, data = board_in, None
         if device_of(board).runtime == "circuitpython":
             # The console has no input; its output is sent with the frames.

@@ -128,7 +128,9 @@ class MicroPythonProcess:
             _KEEPER, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, **_in_group(0)
         )
         self._pipes: list[int] = []  # ends of the pipes that are open
-        self._end = weakref.finalize(self, _end, self._keeper, os.getpid(), self._pipes)
+        # At the end of a program the system closes the pipes: a thread may still read from a board.
+        weakref.finalize(self, close_all, self._pipes).atexit = False
+        self._end = weakref.finalize(self, end, self._keeper, os.getpid())  # called first
         try:
             self.boot()
         except BaseException:
@@ -195,12 +197,6 @@ class MicroPythonProcess:
         self._end()
         if self._own:
             self._own.cleanup()
-
-
-def _end(keeper: subprocess.Popen, parent: int, pipes: list[int]) -> None:
-    """End MicroPython when a `MicroPythonProcess` is closed or dropped."""
-    end(keeper, parent)
-    close_all(pipes)
 
 
 def close_all(pipes: list[int]) -> None:
