@@ -33,15 +33,7 @@ class Table(NamedTuple):
 
 
 class Column(NamedTuple):
-    """Values of a column.
-
-    Attributes
-    ----------
-    values : numpy.ndarray, shape (n,)
-        The values; where they are unknown, any number.
-    known : numpy.ndarray, shape (n,), bool, optional
-        Whether each value is known; None if all are.
-    """
+    """Values of a column; where they are unknown, any number. `known` is None if all are known."""
 
     values: np.ndarray
     known: np.ndarray | None = None
@@ -161,21 +153,10 @@ def _rows(table: Table, found: dict[str, Column]) -> Iterator[Row]:
 
 
 def columns(table: Table, block: Arrays, begun_s: float) -> dict[str, Column]:
-    """Return the columns of a table for a block of a recording.
+    """Return the columns of a table for a block of a recording, in the table's order.
 
-    Parameters
-    ----------
-    table : Table
-        The table.
-    block : Arrays
-        The block.
-    begun_s : float
-        Time on the host's monotonic clock at which the recording began, in s.
-
-    Returns
-    -------
-    dict of str to Column
-        The columns of the table, in its order. The column ``content`` has dicts.
+    `begun_s` is the start of the recording on the host's monotonic clock. The column ``content``
+    has dicts.
     """
     of = _of_texts if table.name in ("text", "mark") else _of_readings
     found = of(table, block)

@@ -29,16 +29,9 @@ _PLACES = 41  # number of positions over which the noise is averaged
 class Choice:
     """The best plan (choice of six diodes), and the expected noise of the position.
 
-    Attributes
-    ----------
-    plan : tuple of str
-        Names of the six channels.
-    sigma_um : float
-        Least possible standard deviation of the position from one sample with this plan, in um,
-        averaged over the strip.
-    present_sigma_um : float
-        Least possible standard deviation with the plan of the first pass, in um, averaged over the
-        strip; infinite if one of this plan's channels is unusable.
+    The sigmas are least possible standard deviations of the position from one sample, averaged over
+    the strip. `present_sigma_um` is that of the plan of the first pass; infinite if one of its
+    channels is unusable.
     """
 
     plan: tuple[str, ...]
@@ -60,28 +53,11 @@ def passes(present: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choice:
     """Return the plan with the least expected noise of the position.
 
-    The result is the plan of the first pass if its noise is at most 3 % larger.
-
-    Parameters
-    ----------
-    plans : pair of tuple of str
-        Plans of the two passes, see `passes`.
-    measured : pair of Presses
-        Readings of the two passes. Each pass has presses with the force `presses.FIRM_MN`, at the
-        same positions as the other pass. Each pass also has one press with the force
-        `presses.FULL_MN`, which shows which channels saturate.
-    full_scale : float
-        Largest count that a channel can have.
-
-    Returns
-    -------
-    Choice
-        The best plan, and its expected noise.
-
-    Raises
-    ------
-    CalibrationError
-        If fewer than six diodes are usable.
+    The result is the plan of the first pass if its noise is at most 3 % larger. The plans are those
+    of the two `passes`. Each pass has presses with the force `presses.FIRM_MN`, at the same
+    positions as the other pass, and one press with `presses.FULL_MN`, which shows which channels
+    saturate. `full_scale` is the largest count that a channel can have. CalibrationError if fewer
+    than six diodes are usable.
     """
     usable, places_um, logs = _merge(plans, measured, full_scale)
     if len(usable) < len(plans[0]):

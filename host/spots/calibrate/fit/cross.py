@@ -30,14 +30,9 @@ _LEAST_SCALE = 1e-6  # least variance of the residuals, in units of the noise of
 class Change:
     """Change of log2 of the counts with the force, relative to firm presses along the strip.
 
-    Attributes
-    ----------
-    ends_um : numpy.ndarray, shape (2,)
-        Ends of the strip, in um.
-    lights : tuple of (float, float)
-        Least and largest brightness of the presses in log2 units; that of a firm press is 0.
-    coefficients : numpy.ndarray, shape (c, places, lights)
-        Coefficients of the polynomials in position and brightness, for each of c channels.
+    `lights` are the least and the largest brightness of the presses in log2 units; that of a firm
+    press is 0. `coefficients`, shape (c, places, lights), are those of the polynomials in position
+    and brightness, for each of c channels.
     """
 
     ends_um: np.ndarray
@@ -45,18 +40,10 @@ class Change:
     coefficients: np.ndarray
 
     def logs(self, x_um, light) -> np.ndarray:
-        """Return the changes of presses.
+        """Return the changes of log2 of the counts of presses, shape (..., c).
 
-        Parameters
-        ----------
-        x_um, light : array_like
-            Positions in um, and brightnesses in log2 units; both have the same shape (...).
-
-        Returns
-        -------
-        numpy.ndarray, shape (..., c)
-            Changes of log2 of the counts. The mean of the channels is 0, because a change of all
-            channels is one of the force.
+        Positions and brightnesses have the same shape (...). The mean of the channels is 0, because
+        a change of all channels is one of the force.
         """
         places = _places(self.ends_um, x_um, self.coefficients.shape[1])
         lights = _lights(self.lights, light, self.coefficients.shape[2])
@@ -66,27 +53,12 @@ class Change:
 def change(
     pressed: Presses, off: np.ndarray, light: np.ndarray, slopes: np.ndarray, noise: Noise, ends_um
 ) -> Change | None:
-    """Fit the change of the spectrum with the force.
+    """Fit the change of the spectrum with the force; None if noise explains the differences.
 
-    Parameters
-    ----------
-    pressed : Presses
-        n presses with different forces at a few positions, with light in all channels.
-    off : numpy.ndarray, shape (n, c)
-        log2 of their counts minus that of firm presses at the same positions.
-    light : numpy.ndarray, shape (n,)
-        Their brightness in log2 units, relative to firm presses.
-    slopes : numpy.ndarray, shape (n, c)
-        Derivative of log2 of the counts with respect to the position, in 1/um.
-    noise : Noise
-        Noise of the sensor.
-    ends_um : numpy.ndarray, shape (2,)
-        Ends of the strip, in um.
-
-    Returns
-    -------
-    Change or None
-        None if noise explains the differences between the spectra.
+    `pressed` are n presses with different forces at a few positions, with light in all channels.
+    `off`, shape (n, c), is log2 of their counts minus that of firm presses at the same positions;
+    `light` is their brightness in log2 units, relative to firm presses. `slopes`, shape (n, c), are
+    derivatives of log2 of the counts by the position in um.
     """
     count = min(_PLACES, len(np.unique(pressed.position_um)))
     degree = min(_LIGHTS, len(light) // (2 * count) - 1)

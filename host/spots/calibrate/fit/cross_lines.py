@@ -27,10 +27,7 @@ _SIZE_UM, _SIZE_Q12, _CHANGE = 10.0, 2.0, 0.05
 class CrossLines:
     """Change of the spectrum of a press with its force, relative to a firm press.
 
-    Parameters
-    ----------
-    lines : sequence of str
-        Lines of a calibration, see `spots_device.reading.calibration_lines`.
+    It is that of the lines of a calibration, see `spots_device.reading.calibration_lines`.
     """
 
     def __init__(self, lines):
@@ -45,17 +42,8 @@ class CrossLines:
     def logs(self, x_um: float, counts) -> np.ndarray:
         """Return the change of log2 of each channel's counts in a press.
 
-        Parameters
-        ----------
-        x_um : float
-            Position of the press in um.
-        counts : array_like, shape (6,)
-            Its dark-subtracted counts, at the exposure of the calibration.
-
-        Returns
-        -------
-        numpy.ndarray, shape (6,)
-            Zeros if the calibration has no cross-sensitivity.
+        The counts are dark-subtracted, at the exposure of the calibration. Zeros if the calibration
+        has no cross-sensitivity.
         """
         if not self._has_cross:
             return np.zeros(CHANNELS)

@@ -26,24 +26,13 @@ _MEAN_SAMPLES = 64  # mean counts are multiplied by this number before they are 
 class Segment:
     """A part of the strip with its own weights and tables.
 
-    Parameters
-    ----------
-    tables : memoryview of int
-        Tables of the calibration, see calibration.py.
-    place : int
-        Index of the segment's weights in `tables`.
-
-    Attributes
-    ----------
-    position, force : memoryview of int
-        Six weights for the position contrast, and six for the brightness, Q13.
-    contrasts, positions_um, fits, offsets : memoryview of int
-        Columns of the table of knots (points between which the board interpolates): contrast,
-        position, expected misfit of a single press, and correction that is subtracted from the
-        brightness.
-    cross : list of memoryview of int
-        Two further columns if the calibration has the cross-sensitivity, else empty: size of the
-        correction of the position in um, and size of that of the expected misfit.
+    `tables` are those of the calibration, see calibration.py; `place` is the index of the segment's
+    weights in them. `position` and `force` are six weights each, Q13, for the position contrast and
+    for the brightness. The columns of the table of knots (points between which the board
+    interpolates) are contrast, position, expected misfit of a single press, and correction that is
+    subtracted from the brightness. `cross` has two further columns if the calibration has the
+    cross-sensitivity: size of the correction of the position in um, and that of the expected
+    misfit.
     """
 
     def __init__(self, tables, place):
@@ -84,14 +73,8 @@ def shares_of(calibration: Calibration) -> memoryview:
 class Decoded(Decode):
     """Computes position and force from counts; the results of the latest reading are attributes.
 
-    Attributes
-    ----------
-    flags : int
-        Flag bits that decode.py defines, without `DROPPED`, which `frame.Framer` sets.
-    contrast, brightness : int
-        Position contrast and brightness, in Q20 of log2.
-    position_um, force_mN : int
-        Position in um and force in mN; 0 if the flags mark them as unknown.
+    `flags` are those of decode.py, without `DROPPED`, which `frame.Framer` sets. `contrast` and
+    `brightness` are in Q20 of log2. Position and force are 0 if the flags mark them as unknown.
     """
 
     def __getattr__(self, name):
@@ -101,19 +84,11 @@ class Decoded(Decode):
             raise AttributeError(name) from None
 
     def update(self, sums, samples, dark, flags):
-        """Decode one reading.
+        """Decode one reading of 1 to `AVERAGE_MAX` samples.
 
-        Parameters
-        ----------
-        sums : sequence of int
-            Six sums of counts over `samples` samples.
-        samples : int
-            Samples in the reading, 1 to `AVERAGE_MAX`.
-        dark : sequence of int
-            Six sums of dark counts, over the number of samples that `scale` has set; zeros without
-            a dark frame.
-        flags : int
-            Flag bits that apply to `sums`: `SATURATED`, `DARK_SUBTRACTED`, `LED_OFF`.
+        `sums` are counts over these samples, `dark` are sums over the number of samples that
+        `scale` has set, zeros without a dark frame. The flags that apply to `sums` are `SATURATED`,
+        `DARK_SUBTRACTED` and `LED_OFF`.
         """
         if samples != self.state[SAMPLES]:
             self.scale(samples, self.state[FLOOR_SAMPLES])
@@ -123,12 +98,6 @@ class Decoded(Decode):
         estimate(self.state, self.tables, flags)
 
     def update_mean(self, counts):
-        """Decode mean dark-subtracted counts.
-
-        Parameters
-        ----------
-        counts : sequence of float
-            Mean count of each of the six channels; a negative count is taken as 0.
-        """
+        """Decode mean dark-subtracted counts; a negative count is taken as 0."""
         sums = [max(round(_MEAN_SAMPLES * count), 0) for count in counts]
         self.update(sums, _MEAN_SAMPLES, [0] * CHANNELS, 0)

@@ -28,24 +28,11 @@ _WORDS = (
 
 
 def described(place_um, logs, shifts, plan) -> str:
-    """Describe the probable causes of a drift of the channels in words.
+    """Describe the probable causes of a drift of the channels in words, or ``no drift``.
 
-    Parameters
-    ----------
-    place_um : sequence of float, length n
-        Distances of the n marks from the strip's end at the sensor in um, ascending. A drift of
-        the dye can be detected only with two marks or more.
-    logs : array_like, shape (n, 6)
-        log2 of the dark-subtracted counts at the calibration. Rows are marks, columns are channels.
-    shifts : array_like, shape (n, 6)
-        log2 of the present counts, minus `logs`.
-    plan : sequence of str
-        Names of the six channels.
-
-    Returns
-    -------
-    str
-        Causes of the drift with their sizes, or ``no drift``.
+    `place_um` are the distances of n marks from the strip's end at the sensor, ascending. A drift
+    of the dye can be detected only with two marks or more. `logs`, shape (n, 6), is log2 of the
+    dark-subtracted counts at the calibration; `shifts` is log2 of the present counts, minus `logs`.
     """
     known = [i for i, name in enumerate(plan) if name in _CENTRE_NM]
     nm = np.array([_CENTRE_NM[plan[i]] for i in known])

@@ -29,27 +29,12 @@ _COEFFICIENT_SIGMA = 3.0
 
 
 def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Return the expected log2 of the counts of each channel along the strip.
+    """Return n positions along the strip in um, and the expected log2 of the counts there, (n, 6).
 
-    Parameters
-    ----------
-    lines : sequence of str
-        Lines of the calibration, see `spots_device.reading.calibration_lines`.
-    strain_ppm : int
-        Strain of the strip: elongation over length at rest, in ppm.
-
-    Returns
-    -------
-    position_um : numpy.ndarray, shape (n,)
-        Evenly spaced positions along the strip, in um.
-    logs : numpy.ndarray, shape (n, 6)
-        log2 of the dark-subtracted counts of presses whose brightness, as the board computes it in
-        log2 units, is 0. Errors are at most 3 % of the counts of the brightest channel.
-
-    Raises
-    ------
-    spots_device.reading.calibration_lines.CalibrationError
-        If the lines are not a calibration, or have no table for this strain.
+    The counts are those of presses whose brightness, as the board computes it in log2 units, is 0.
+    Errors are at most 3 % of the counts of the brightest channel.
+    `spots_device.reading.calibration_lines.CalibrationError` if the lines are not a calibration, or
+    have no table for this strain.
     """
     made = Calibration(lines, strain_ppm)
     places = np.concatenate([segment.positions_um for segment in segments_of(made)])

@@ -64,34 +64,15 @@ def fit(
 ) -> list[str]:
     """Fit a calibration and return its lines, see `spots_device.reading.calibration_lines`.
 
-    Parameters
-    ----------
-    along : dict of int to Presses
-        Presses with one firm force along the whole strip; the key is the strain in ppm. Strain 0 is
-        required. Positions are measured on the stretched strip. No channel is dark or saturated.
-    pressed : Presses
-        Presses with different forces at a few positions of the strip at rest. The forces are the
-        same at all positions.
-    noise : Noise
-        Noise of the sensor at these conditions.
-    conditions : Conditions
-        Board and settings of the presses.
-    misfit : numpy.ndarray, shape (n, 6), optional
-        Measured minus expected log2 of the counts of n presses. If not given, the presses in
-        ``along[0]`` are compared with smooth curves through them. The larger these errors, the
-        larger the misfit that the board tolerates.
+    `along` has presses with one firm force along the whole strip by the strain in ppm; strain 0 is
+    required. Positions are measured on the stretched strip. No channel is dark or saturated.
+    `pressed` are presses with different forces at a few positions of the strip at rest; the forces
+    are the same at all positions. `misfit`, shape (n, 6), is measured minus expected log2 of the
+    counts of n presses; without it, the presses in ``along[0]`` are compared with smooth curves
+    through them. The larger these errors, the larger the misfit that the board tolerates.
 
-    Returns
-    -------
-    list of str
-        Calibration lines for the board. With more than five strains, the spectra of the presses are
-        left out.
-
-    Raises
-    ------
-    CalibrationError
-        If the readings are too noisy or too dark, or do not change monotonically with position or
-        force.
+    With more than five strains, the spectra of the presses are left out. CalibrationError if the
+    readings are too noisy or too dark, or do not change monotonically with position or force.
     """
     curves = {strain: Curves(p.position_um, p.logs) for strain, p in sorted(along.items())}
     relaxed = curves[0]
@@ -144,21 +125,10 @@ def fit(
 
 
 class Curves:
-    """Smooth curves of log2 of the counts along the strip, one curve for each channel.
+    """Smooth curves of log2 of the counts along the strip, one curve for each of c channels.
 
-    Parameters
-    ----------
-    position_um : numpy.ndarray, shape (n,)
-        Distances of the presses from the strip's end at the sensor, in um.
-    logs : numpy.ndarray, shape (n, c)
-        log2 of the dark-subtracted counts of c channels.
-    degree : int
-        Largest degree of the curves, which are polynomials in the position.
-
-    Attributes
-    ----------
-    ends_um : numpy.ndarray, shape (2,)
-        The first and the last position, in um.
+    The dark-subtracted counts are those of n presses, `logs` has shape (n, c). The curves are
+    polynomials in the position, of at most `degree`. `ends_um` are the first and the last position.
     """
 
     def __init__(self, position_um: np.ndarray, logs: np.ndarray, degree: int = 7):
@@ -254,22 +224,9 @@ def _fit_weights(curve: Curves, noise: Noise) -> np.ndarray:
 def estimators(design: np.ndarray, information: np.ndarray) -> np.ndarray:
     """Return generalised least-squares weights to estimate unknowns from log2 of the counts.
 
-    Parameters
-    ----------
-    design : numpy.ndarray, shape (c, n)
-        Derivatives of log2 of the counts of c channels with respect to n unknowns.
-    information : numpy.ndarray, shape (c,)
-        Reciprocal of the variance of log2 of each channel's counts.
-
-    Returns
-    -------
-    numpy.ndarray, shape (n, c)
-        Weights of the channels; one row for each unknown.
-
-    Raises
-    ------
-    CalibrationError
-        If the channels cannot distinguish the unknowns.
+    `design`, shape (c, n), has the derivatives of log2 of the counts of c channels by n unknowns;
+    `information` the reciprocal of the variance of each channel's log2. The weights have shape (n,
+    c). CalibrationError if the channels cannot distinguish the unknowns.
     """
     weighted = design * information[:, None]
     try:
@@ -331,18 +288,9 @@ def _knots(
 class _Cross:
     """The cross-sensitivity as the board corrects it: products of a share and two sizes.
 
-    Attributes
-    ----------
-    change : Change
-        How the spectrum depends on the force.
-    lights : numpy.ndarray, shape (n,)
-        Brightness of the knots of the table of forces, in log2 units; that of a firm press is 0.
-    shares : numpy.ndarray, shape (n,)
-        Share at each of these knots; the largest absolute value is 1.
-    ends_um : numpy.ndarray, shape (2,)
-        Ends of the strip at rest, in um.
-    weights : numpy.ndarray, shape (n,)
-        Weights of these knots.
+    `lights` are the brightness of the knots of the table of forces, in log2 units; that of a firm
+    press is 0. `shares` and `weights` belong to these knots; the largest absolute share is 1.
+    `ends_um` are those of the strip at rest.
     """
 
     change: Change

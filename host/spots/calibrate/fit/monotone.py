@@ -8,17 +8,7 @@ import numpy as np
 def monotone(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Interpolate rising points by a piecewise cubic curve that rises everywhere.
 
-    Parameters
-    ----------
-    x, y : numpy.ndarray, shape (n,)
-        Coordinates of n points, both ascending; n is at least 3.
-    at : numpy.ndarray
-        Values of x, between the first and the last point.
-
-    Returns
-    -------
-    numpy.ndarray
-        Values of y, with the shape of `at`.
+    Both coordinates of the 3 or more points ascend; `at` is between the first and the last point.
     """
     step = np.diff(x)
     secant = np.diff(y) / step

@@ -42,29 +42,17 @@ LedMA = Annotated[int, _ranged(0, 1000)]
 class Wanted(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A press that a session asks for.
 
-    Attributes
-    ----------
-    kind : str
-        Purpose of the press. ``choose`` is for the choice of exposure and channels, ``mark`` for a
-        re-zero, ``hand`` for a press by hand. ``position``, ``force``, ``strain`` and ``joint`` are
-        steps of ``spots calibrate``.
-    place_um : float
-        Distance from the strip's end at the sensor in um, measured while the strip has its strain.
-        0 for a joint that a person turns.
-    force_mN : float
-        Force in mN; 0 if the force is unknown.
-    strain_ppm : int
-        Strain of the strip: elongation over length at rest, in ppm.
-    angle_deg : float or None
-        Angle of the joint in degrees; None without a joint.
-    direction : int
-        Direction in which the joint was turned: 1 upwards, -1 downwards; 0 if the kind is not
-        ``joint``.
-    then_mN : float
-        Second force in mN, to which the person changes without a release; 0 for a press with one
-        force.
-    hold_s : float
-        Least time for which the person must hold `force_mN`, in s.
+    - `kind`: ``choose`` is for the choice of exposure and channels, ``mark`` for a re-zero,
+      ``hand`` for a press by hand. ``position``, ``force``, ``strain`` and ``joint`` are steps of
+      ``spots calibrate``.
+    - `place_um`: distance from the strip's end at the sensor, measured while the strip has its
+      strain. 0 for a joint that a person turns.
+    - `force_mN`: 0 if the force is unknown.
+    - `strain_ppm`: elongation over length at rest.
+    - `angle_deg`: angle of the joint; None without a joint.
+    - `direction`: in which the joint was turned: 1 upwards, -1 downwards; 0 for other kinds.
+    - `then_mN`: second force, to which the person changes without a release; 0 for one force.
+    - `hold_s`: least time for which the person must hold `force_mN`.
     """
 
     kind: Literal["choose", "position", "force", "strain", "joint", "mark", "hand"]
@@ -84,30 +72,20 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A press that was taken, with its reading.
+    """A press that was taken, with its reading, board and settings.
 
-    Attributes
-    ----------
-    counts, variance, saturated
-        Reading of the press, see `spectra.Reading`.
-    position_um, position_sigma_um : float or None
-        Mean and standard deviation of the positions that the calibrated board reported, in um; None
-        if the kind is not ``joint``.
-    length_um : float or None
-        Length of the strip at rest in um; None for a joint.
-    board, plan, gain, exposure_us, led_mA
-        Board and settings; `plan` is the choice of the six channels. See
-        `spots_device.reading.calibration.Conditions`.
-    time : str
-        Date and time in UTC, ISO 8601.
-    trace : tuple of tuple of float
-        All readings of a press by hand with a known force: time in s by the clock of `Board.now_s`,
-        then the six counts.
-    holds : tuple of (float, float)
-        Start and end of the time in which each force was steady, in s by the same clock.
-    baseline : tuple of float
-        Light of the untouched strip in counts of a sample, which was subtracted from `counts`;
-        empty if the strip had no such light.
+    - `counts`, `variance`, `saturated`: see `spectra.Reading`.
+    - `position_um`, `position_sigma_um`: mean and standard deviation of the positions that the
+      calibrated board reported; None if the kind is not ``joint``.
+    - `length_um`: length of the strip at rest; None for a joint.
+    - `board`, `plan`, `gain`, `exposure_us`, `led_mA`: see
+      `spots_device.reading.calibration.Conditions`.
+    - `time`: date and time in UTC, ISO 8601.
+    - `trace`: all readings of a press by hand with a known force: time in s by the clock of
+      `Board.now_s`, then the six counts.
+    - `holds`: start and end of the time in which each force was steady, in s by the same clock.
+    - `baseline`: light of the untouched strip in counts of a sample, which was subtracted from
+      `counts`; empty if the strip had no such light.
     """
 
     counts: _Counts

@@ -19,19 +19,10 @@ _REWEIGHTINGS = 4  # rounds of the reweighted least squares in `_reweighted`
 class Presses:
     """Readings of n steady presses with c channels, as arrays.
 
-    Attributes
-    ----------
-    position_um : numpy.ndarray, shape (n,)
-        Distances of the presses from the strip's end at the sensor, in um.
-    force_mN : numpy.ndarray, shape (n,)
-        Forces of the presses in mN.
-    counts : numpy.ndarray, shape (n, c)
-        Mean dark-subtracted counts of each channel: counts minus those of the dark frame.
-    variance : numpy.ndarray, shape (n, c)
-        Variance of the counts of one sample in counts**2, without the noise that all channels share
-        (that of the LED).
-    saturated : numpy.ndarray of bool, shape (n,)
-        Whether at least one channel was saturated, for each press.
+    Positions are counted from the strip's end at the sensor. `counts`, shape (n, c), are
+    dark-subtracted means. `variance`, shape (n, c), is that of one sample in counts**2, without the
+    noise that all channels share (that of the LED). `saturated` is whether at least one channel was
+    saturated, for each press.
     """
 
     position_um: np.ndarray
@@ -64,21 +55,12 @@ class Presses:
 
 
 def own_variance(samples: np.ndarray) -> np.ndarray:
-    """Return the variance of each channel, without the noise that all channels share.
+    """Return the variance of each channel in counts**2, without the noise that all channels share.
 
     The counts of each channel are divided by their mean. The difference of two channels then
-    contains the noise of these two channels only. Weighted least squares over all pairs of
-    channels separates the variances.
-
-    Parameters
-    ----------
-    samples : numpy.ndarray, shape (n, c)
-        Dark-subtracted counts of one steady press: n samples of c channels, all greater than 0.
-
-    Returns
-    -------
-    numpy.ndarray, shape (c,)
-        Variances in counts**2.
+    contains the noise of these two channels only. Weighted least squares over all pairs of channels
+    separates the variances. `samples` are n dark-subtracted ones of a steady press, shape (n, c),
+    all greater than 0.
     """
     mean = samples.mean(axis=0)
     relative = samples / mean
@@ -108,12 +90,7 @@ def _reweighted(design: np.ndarray, variances: np.ndarray, least: np.ndarray) ->
 class Noise:
     """Noise of the sensor: the variance of one sample's count is a constant part plus shot noise.
 
-    Attributes
-    ----------
-    constant : float
-        Constant part of the variance, in counts**2.
-    per_count : float
-        Shot noise: variance divided by the dark-subtracted count, in counts.
+    `constant` is in counts**2, `per_count` is variance by dark-subtracted count.
     """
 
     constant: float

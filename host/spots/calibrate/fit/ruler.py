@@ -27,24 +27,11 @@ def common_error_um(
 ) -> np.ndarray:
     """Return the common error of positions that were fitted to readings of a ruler.
 
-    The error is a straight line along the strip: an offset and a scale. The result is the mean of
-    the posterior distribution of this line.
-
-    Parameters
-    ----------
-    read_um : numpy.ndarray, shape (n,)
-        Positions that a person read, in um.
-    off_um : numpy.ndarray, shape (n,)
-        Positions from a fit to `read_um` by weighted least squares, minus `read_um`, in um.
-    noise_um : numpy.ndarray, shape (n,)
-        Standard deviations of `off_um` due to the noise of the sensor, in um.
-    sigma_um : float
-        Standard deviation that the fit assumed for the errors of `read_um`, in um.
-
-    Returns
-    -------
-    numpy.ndarray, shape (n,)
-        Position from the fit minus true position, in um.
+    The error, position from the fit minus true position, is a straight line along the strip: an
+    offset and a scale. The result is the mean of the posterior distribution of this line. A person
+    read `read_um`; `off_um` are the positions from a fit to these by weighted least squares, minus
+    `read_um`; `noise_um` their standard deviations due to the noise of the sensor. `sigma_um` is
+    what the fit assumed for the errors of `read_um`.
     """
     expected_um = np.hypot(sigma_um, noise_um)
     lines = np.stack([np.ones_like(read_um), read_um], axis=1)

@@ -24,46 +24,17 @@ from .fit import ONE_Q12
 
 
 def drift_at(x_um: float, place_um, shifts) -> np.ndarray:
-    """Return the drift of log2 of each channel at a position.
-
-    Parameters
-    ----------
-    x_um : float
-        The position in um.
-    place_um, shifts : sequence
-        Measured drift, see `shifted`.
-
-    Returns
-    -------
-    numpy.ndarray, shape (6,)
-    """
+    """Return the drift of log2 of each channel at a position, from that at the marks."""
     return polynomial.polyval(x_um, _curve(place_um, shifts))
 
 
 def shifted(lines, place_um, shifts) -> list[str]:
     """Return the lines of a calibration after a drift of its channels.
 
-    Parameters
-    ----------
-    lines : sequence of str
-        Lines of the original calibration, see `spots_device.reading.calibration_lines`. The
-        tables of all strains shift by the same c_i(x), see the module docstring.
-    place_um : sequence of float, length n
-        Distances of the n marks from the strip's end at the sensor, in um. The shift is a
-        polynomial of degree n - 1 in the position.
-    shifts : array_like, shape (n, 6)
-        log2 of the present counts minus log2 of the counts at the calibration. Rows are marks,
-        columns are channels.
-
-    Returns
-    -------
-    list of str
-        Lines of the shifted calibration.
-
-    Raises
-    ------
-    CalibrationError
-        If the drift is too large for the tables.
+    The tables of all strains shift by the same c_i(x), see the module docstring: a polynomial of
+    degree n - 1 in the position, for n marks. `shifts`, shape (n, 6), is log2 of the present counts
+    minus log2 of the counts at the calibration. CalibrationError if the drift is too large for the
+    tables.
     """
     curve = _curve(place_um, shifts)
 

@@ -39,22 +39,17 @@ _SHARE_MIN = 0.005  # relative error of the force table, even if the forces are 
 class Compensated(NamedTuple):
     """Result of a fit: the compensation, and the hysteresis and creep of the strip.
 
-    Attributes
-    ----------
-    line : str
-        Line ``silicone`` to add to the lines of a calibration; empty if the recording shows neither
-        hysteresis nor creep.
-    sigma : numpy.ndarray, shape (7,)
-        Standard deviations of the gain, 3 weights of play operators and 3 shares of creep, times
-        2**12 like these values in `line`.
-    before_mN, after_mN : float
-        Mean absolute error of the forces that the board reads, without and with compensation.
-    hysteresis_percent, creep_percent : tuple of (float, float)
-        Value and standard deviation, in per cent. Hysteresis: largest difference between the
-        forces that are read during unloading from 10 N and during loading, divided by 10 N.
-        Creep: growth of the measured force in 60 s, while the true force is constant. No silicone
-        has a negative value: if one is significant, `line` is empty. Other negative values are not
-        compensated.
+    - `line`: line ``silicone`` to add to the lines of a calibration; empty if the recording shows
+      neither hysteresis nor creep.
+    - `sigma`: standard deviations of the gain, 3 weights of play operators and 3 shares of creep,
+      times 2**12 like these values in `line`.
+    - `before_mN`, `after_mN`: mean absolute error of the forces that the board reads, without and
+      with compensation.
+    - `hysteresis_percent`, `creep_percent`: value and standard deviation. Hysteresis is the largest
+      difference between the forces that are read during unloading from 10 N and during loading,
+      divided by 10 N. Creep is the growth of the measured force in 60 s, while the true force is
+      constant. No silicone has a negative value: if one is significant, `line` is empty. Other
+      negative values are not compensated.
     """
 
     line: str
@@ -90,26 +85,11 @@ def _is_impossible(effect: tuple[float, float]) -> bool:
 def fit_session(points: list[Point], lines: list[str], force_share: float) -> Compensated | None:
     """Fit the compensation of hysteresis and creep to the presses that a person made in a session.
 
-    Parameters
-    ----------
-    points : list of Point
-        Presses by hand.
-    lines : list of str
-        Lines of the calibration, without the line ``silicone``.
-    force_share : float
-        Relative standard deviation of the forces that the person read off a scale.
-
-    Returns
-    -------
-    Compensated or None
-        The compensation, whose line is empty if an effect is impossible; None if no press has two
-        forces, or if the presses show neither hysteresis nor creep.
-
-    Raises
-    ------
-    CalibrationError
-        If the presses have too few readings, or if the compensated forces are far from those that
-        the person read.
+    `lines` are a calibration without the line ``silicone``; `force_share` is the relative standard
+    deviation of the forces that the person read off a scale. The compensation has an empty line if
+    an effect is impossible; it is None if no press has two forces, or if the presses show neither
+    hysteresis nor creep. CalibrationError if the presses have too few readings, or if the
+    compensated forces are far from those that the person read.
     """
     if not any(len(p.holds) > 1 for p in points):
         return None

@@ -52,27 +52,16 @@ _ABOVE_DARK = 1.15  # least force to ask for, as a multiple of the largest force
 class Sizes:
     """Expected sizes of the errors and coefficients of the model, see the module docstring.
 
-    Attributes
-    ----------
-    place_um : float
-        Standard deviation of the positions that a person reads off a ruler, in um.
-    force_share : float
-        Relative standard deviation of the forces that a person reads off a scale.
-    force_mN : float
-        Further error that is the same for all forces, as a standard deviation in mN: rounding of
-        the scale, and creep of earlier presses. It matters for weak forces.
-    bends : tuple of float
-        For each channel c, expected size of the coefficient of degree 2 of `s_c`, in log2 units.
-    rise : float
-        Expected size of the coefficient of degree 2 of `g`, in log2 units.
-    dark_share : float
-        Force at which the strip begins to give light, as a share of the least force of the presses.
-    misfit : float
-        Standard deviation of a channel's log2(counts) from the model, in log2 units.
-    shift_um : float
-        Expected shift of the position of a very weak press, in um.
-    cross : float
-        Expected size of the other part of t_c for a very weak press, in log2 units.
+    - `place_um`: standard deviation of the positions that a person reads off a ruler.
+    - `force_share`: relative standard deviation of the forces that a person reads off a scale.
+    - `force_mN`: standard deviation of a further error that is the same for all forces: rounding of
+      the scale, and creep of earlier presses. It matters for weak forces.
+    - `bends`: for each channel c, the coefficient of degree 2 of `s_c`, in log2 units.
+    - `rise`: the coefficient of degree 2 of `g`, in log2 units.
+    - `dark_share`: force at which the strip begins to give light, as a share of the least force.
+    - `misfit`: standard deviation of a channel's log2(counts) from the model.
+    - `shift_um`: shift of the position of a very weak press.
+    - `cross`: the other part of t_c for a very weak press, in log2 units.
     """
 
     place_um: float = 300.0
@@ -117,27 +106,10 @@ _PLAIN = [one for one in _SEARCHED if one[0] not in _CROSSED]
 class Surface:
     """Model of the counts of a strip as a function of position and force, fitted to presses.
 
-    Parameters
-    ----------
-    taken : Presses
-        Readings of n presses; a force of 0 means that the force is unknown.
-    noise : Noise
-        Noise of one sample.
-    samples : int
-        Number of samples in each reading.
-    length_um : float
-        Length of the strip in um.
-    sizes : Sizes
-        Expected sizes of errors and coefficients.
-    start : Surface, optional
-        A similar surface, from which the iteration starts.
-
-    Attributes
-    ----------
-    least_mN, most_mN : float
-        Range of the forces of the model, in mN.
-    evidence : float
-        Natural logarithm of the probability of the readings in this model, plus a constant.
+    A force of 0 in `taken` means that the force is unknown. `noise` is that of one of the `samples`
+    in each reading. The iteration starts from the similar surface `start`, if given. The forces of
+    the model are from `least_mN` to `most_mN`. `evidence` is the natural logarithm of the
+    probability of the readings in this model, plus a constant.
     """
 
     taken: Presses
@@ -277,18 +249,7 @@ class Surface:
         return noise + still + self.sizes.misfit**2
 
     def logs(self, place_um, force_mN) -> np.ndarray:
-        """Return log2 of the expected counts of presses.
-
-        Parameters
-        ----------
-        place_um, force_mN : numpy.ndarray, shape (n,)
-            Places in um and forces in mN.
-
-        Returns
-        -------
-        numpy.ndarray, shape (n, 6)
-            log2 of the counts.
-        """
+        """Return log2 of the expected counts of n presses, shape (n, 6)."""
         return self._rows(place_um, force_mN) @ self._mean
 
     def without(self, press: int) -> Surface:
@@ -337,17 +298,12 @@ class Surface:
 
     @cached_property
     def misfits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Comparison of each press with the fit to all other presses.
+        """Comparison of each press with the fit to all other presses: three arrays of shape (n,).
 
-        Returns
-        -------
-        misfit : numpy.ndarray, shape (n,)
-            Squared Mahalanobis distance between the six measured and expected log2(counts).
-        off_um : numpy.ndarray, shape (n,)
-            Position estimated from the counts, minus the measured position, in um.
-        off_share : numpy.ndarray, shape (n,)
-            Force estimated from the counts, divided by the measured force, minus 1; 0 if no
-            force was measured.
+        The first is the squared Mahalanobis distance between the six measured and expected
+        log2(counts); the second the position estimated from the counts, minus the measured
+        position, in um; the third the force estimated from the counts, divided by the measured
+        force, minus 1; 0 if no force was measured.
         """
         p = self.taken
         rows = self._rows(p.position_um, p.force_mN)
@@ -371,17 +327,7 @@ class Surface:
         return np.array(pairs).transpose(1, 0, 2)
 
     def presses(self, place_um, force_mN) -> Presses:
-        """Return presses without noise, with the counts that this fit expects.
-
-        Parameters
-        ----------
-        place_um, force_mN : numpy.ndarray, shape (n,)
-            Places in um and forces in mN.
-
-        Returns
-        -------
-        Presses
-        """
+        """Return presses without noise, with the counts that this fit expects."""
         counts = 2.0 ** self.logs(place_um, force_mN)
         saturated = np.zeros(len(counts), dtype=bool)
         return Presses(place_um, force_mN, counts, self.noise.variance(counts), saturated)
@@ -414,12 +360,8 @@ class Surface:
     def errors(self):
         """Return the expected errors of the positions and forces that the fit gives.
 
-        Returns
-        -------
-        places : tuple of (numpy.ndarray, numpy.ndarray)
-            Places in um, and the standard deviation of each place in um.
-        forces : tuple of (numpy.ndarray, numpy.ndarray)
-            Forces in mN, and the relative standard deviation of each; empty if no force is known.
+        They are two pairs of arrays: places in um and the standard deviation of each in um; forces
+        in mN and the relative standard deviation of each, empty if no force is known.
         """
 
         def sigma(targets):
@@ -445,11 +387,8 @@ class Surface:
     def next_press(self, dark_mN: float) -> tuple[float, float]:
         """Return position in um and force in mN of the press that would reduce `errors` most.
 
-        Parameters
-        ----------
-        dark_mN : float
-            Largest force in mN that was too weak to give light in every channel; 0 if there is no
-            such force.
+        `dark_mN` is the largest force that was too weak to give light in every channel; 0 if there
+        is no such force.
         """
         place, force = self._grid(11, dark_mN)
         places, forces = self._targets(place, force)
@@ -478,16 +417,7 @@ def fitted(
 ) -> Surface:
     """Fit surfaces with different `Sizes`; return that of largest evidence (marginal likelihood).
 
-    Parameters
-    ----------
-    presses, noise, samples, length_um
-        See `Surface`.
-    sizes : Sizes, optional
-        Sizes from which the search starts.
-
-    Returns
-    -------
-    Surface
+    The search starts from `sizes`. The other arguments are those of `Surface`.
     """
     plain = replace(sizes, shift_um=0.0, cross=0.0)
     best = _best(Surface(presses, noise, samples, length_um, plain), _PLAIN)

@@ -27,33 +27,14 @@ _FIRM_SHARES, _SPREAD = (0.7, 1.5), 0.5
 def line(baseline: Iterable[float]) -> list[str]:
     """Return the line `rest` of a calibration; no line if there is no such light.
 
-    Parameters
-    ----------
-    baseline : iterable of float
-        Light of the untouched strip: counts of a sample for each channel, or nothing.
-
-    Returns
-    -------
-    list of str
+    The light of the untouched strip is in counts of a sample for each channel, or nothing.
     """
     sums = [round(DARK_SAMPLES * one) for one in baseline]
     return [" ".join(["rest", *map(str, sums)])] if any(sums) else []
 
 
 def replaced(lines: Iterable[str], baseline: Iterable[float]) -> list[str]:
-    """Return lines of a calibration with another line `rest`, or without one.
-
-    Parameters
-    ----------
-    lines : iterable of str
-        Lines of the calibration.
-    baseline : iterable of float
-        Light of the untouched strip, as for `line`.
-
-    Returns
-    -------
-    list of str
-    """
+    """Return lines of a calibration with another line `rest`, or without one; see `line`."""
     kept = [one for one in lines if not one.startswith("rest ")]
     return kept + line(baseline)
 
@@ -61,21 +42,8 @@ def replaced(lines: Iterable[str], baseline: Iterable[float]) -> list[str]:
 def described(baseline: Iterable[float], firm: Presses) -> str:
     """Return where the light without a press comes from, and how bright it is.
 
-    Parameters
-    ----------
-    baseline : iterable of float
-        Light of the untouched strip: counts of a sample for each channel.
-    firm : Presses
-        Firm presses at two or more places.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    CalibrationError
-        If the light is too bright to be subtracted.
+    `firm` are firm presses at two or more places. CalibrationError if the light is too bright to be
+    subtracted.
     """
     place_um, share = _found(np.array(list(baseline)), firm)
     where = f"light at {place_um / 1000:.0f} mm without a press: dust, or the guides touch"
@@ -91,15 +59,7 @@ def described(baseline: Iterable[float], firm: Presses) -> str:
 def check(session: Session) -> None:
     """Refuse light without a press that is too bright as soon as firm presses show its place.
 
-    Parameters
-    ----------
-    session : Session
-        Session that has just stored a press.
-
-    Raises
-    ------
-    SpotsError
-        If the light is too bright to be subtracted, see `described`.
+    The session has just stored a press. CalibrationError as in `described`.
     """
     last = session.points[-1]
     low_mN, high_mN = (share * FIRM_MN for share in _FIRM_SHARES)

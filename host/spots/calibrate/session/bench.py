@@ -47,19 +47,9 @@ class TooDarkError(BadPressError):
 
 
 def samples_of(kind: str, exposure_us: int) -> int:
-    """Return how many samples a reading of a press needs.
+    """Return how many samples a reading of a press of a `Wanted.kind` needs.
 
-    Parameters
-    ----------
-    kind : str
-        Kind of the press, see `session.Wanted`; empty for a short reading of about 0.24 s.
-    exposure_us : int
-        Exposure of a sample in us.
-
-    Returns
-    -------
-    int
-        Number of samples.
+    The kind is empty for a short reading of about 0.24 s.
     """
     return max(_WINDOW_MIN, round(_LONG_S.get(kind, _WINDOW_S) * 1e6 / exposure_us))
 
@@ -68,28 +58,12 @@ def samples_of(kind: str, exposure_us: int) -> int:
 class Bench:
     """A board whose strip is pressed on request, for ``spots calibrate`` or ``spots rezero``.
 
-    Attributes
-    ----------
-    reader : SpectrumReader
-        Reads the board.
-    presser : Presser
-        Person or machine that presses the strip.
-    guide : Dialog
-        Shows the person what to do, and the progress.
-    length_um : float
-        Length of the strip at rest, in um.
-    path : Path
-        Calibration file of the strip.
-    spent : int
-        Number of requested presses, minus the stored presses by hand. It counts for example
-        invalid, repeated and removed presses. If it is large, a session by hand (see `session`)
-        asks for fewer presses.
-    trace : list of tuple of float
-        All readings of the present press: time in s by the clock of `Board.now_s`, then the six
-        counts.
-    holds : list of (float, float)
-        Start and end of each hold of the present press, in s by the same clock; one hold for each
-        force.
+    `length_um` is that of the strip at rest; `path` is its calibration file. `spent` is the number
+    of requested presses, minus the stored presses by hand. It counts for example invalid, repeated
+    and removed presses. If it is large, a session by hand (see `session`) asks for fewer presses.
+    `trace` has all readings of the present press: time in s by the clock of `Board.now_s`, then the
+    six counts. `holds` has start and end of each hold of the present press, by the same clock; one
+    hold for each force.
     """
 
     reader: SpectrumReader
@@ -119,29 +93,10 @@ class Bench:
     ) -> Reading:
         """Ask for presses until one press is valid; on return, the strip is still pressed.
 
-        Parameters
-        ----------
-        wanted : Wanted
-            The press to ask for. If its kind is ``choose``, channels may be saturated or dark.
-        noise : Noise, optional
-            Noise of the sensor; None if unknown.
-        judge : callable
-            ``judge(reading)`` raises `BadPressError` if the reading does not fit earlier presses.
-        given_up : str
-            End of the error message after the last failed attempt.
-
-        Returns
-        -------
-        Reading
-            Counts of the press.
-
-        Raises
-        ------
-        CalibrationError
-            If none of `TRIES` attempts gave a valid press.
-        BadPressError
-            If the kind is ``hand`` and the press is not valid: a press by hand has one attempt. The
-            strip is then released.
+        If the kind of `wanted` is ``choose``, channels may be saturated or dark. ``judge(reading)``
+        raises `BadPressError` if the reading does not fit earlier presses. CalibrationError if none
+        of `TRIES` attempts gave a valid press; its sentence ends with `given_up`. A press by hand
+        has one attempt: then BadPressError, and the strip is released.
         """
         self.guide.want(wanted)
         for _ in range(TRIES):
@@ -166,22 +121,8 @@ class Bench:
     def again(self, kind: str, noise: Noise | None = None) -> Reading:
         """Wait until the present press is steady, and return its reading; start a new `trace`.
 
-        Parameters
-        ----------
-        kind : str
-            Kind of the press, see `session.Wanted`.
-        noise : Noise, optional
-            Noise of the sensor; None if unknown.
-
-        Returns
-        -------
-        Reading
-            Counts of the press.
-
-        Raises
-        ------
-        BadPressError
-            If the press does not become steady in time, or a channel is saturated or dark.
+        BadPressError if the press does not become steady in time, or a channel is saturated or
+        dark.
         """
         self.trace, self.holds = [], []
         with self.reader.watched():
@@ -190,11 +131,8 @@ class Bench:
     def change(self, wanted: Wanted) -> None:
         """Ask for the second force of a press, without a release; wait until the press is steady.
 
-        Raises
-        ------
-        BadPressError
-            If the press is not valid, for example because its force has not changed. The strip is
-            then released.
+        BadPressError if the press is not valid, for example because its force has not changed. The
+        strip is then released.
         """
         before = sum(self.trace[-1][1:])
         self.presser.change(wanted)
@@ -208,10 +146,7 @@ class Bench:
     def release(self) -> None:
         """Ask the presser to release the strip, and wait until the strip is released.
 
-        Raises
-        ------
-        CalibrationError
-            If the strip stays bright after the request.
+        CalibrationError if the strip stays bright after the request.
         """
         peak = self.reader.read(2).counts.max()
         self.presser.release()
@@ -333,23 +268,8 @@ def _check_steady(reading: Reading, noise: Noise | None, window: int, kind: str)
 def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise, window: int):
     """Check the light of a press against presses with the same force at other positions.
 
-    Parameters
-    ----------
-    known : Presses
-        At least two earlier presses.
-    wanted : Wanted
-        The new press.
-    counts : numpy.ndarray, shape (6,)
-        Dark-subtracted counts of the new press.
-    noise : Noise
-        Noise of the sensor.
-    window : int
-        Number of samples in the reading of the new press.
-
-    Raises
-    ------
-    BadPressError
-        If colour or brightness of the new press does not fit the neighbouring presses.
+    There are at least two earlier presses. The counts are dark-subtracted means of `window`
+    samples. BadPressError if colour or brightness does not fit the neighbouring presses.
     """
     order = np.argsort(known.position_um)
     places, logs, log = known.position_um[order], known.logs[order], np.log2(counts)
@@ -377,23 +297,8 @@ def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise
 def judge_force(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise, window: int):
     """Check the light of a press against presses with other forces at the same position.
 
-    Parameters
-    ----------
-    known : Presses
-        At least two earlier presses.
-    wanted : Wanted
-        The new press.
-    counts : numpy.ndarray, shape (6,)
-        Dark-subtracted counts of the new press.
-    noise : Noise
-        Noise of the sensor.
-    window : int
-        Number of samples in the reading of the new press.
-
-    Raises
-    ------
-    BadPressError
-        If the brightness does not increase with the force.
+    The arguments are those of `judge_place`. BadPressError if the brightness does not increase with
+    the force.
     """
     forces = np.append(known.force_mN, wanted.force_mN)
     light = np.append(known.logs.mean(axis=1), np.log2(counts).mean())

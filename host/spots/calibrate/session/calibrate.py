@@ -75,25 +75,9 @@ def opened(
 ) -> Iterator[Bench]:
     """Open the board that `options` selects; a person or a machine will press its strip.
 
-    Parameters
-    ----------
-    options : argparse.Namespace
-        ``port``, ``length_mm``, and the simulator's options. ``length_mm`` is the length of the
-        strip in mm; None for the length in `made`, or 85 mm if `made` has no length.
-    made : Session or CalibrationFile
-        Session or calibration of the strip.
-    path : Path
-        Calibration file of the strip.
-
-    Yields
-    ------
-    Bench
-        Board, strip and presser. The board is closed on exit.
-
-    Raises
-    ------
-    SpotsError
-        If a file is invalid, or the board cannot be opened.
+    ``length_mm`` of the options is the length of the strip; None for the length in `made`, or 85 mm
+    if `made` has no length. The board is closed on exit. SpotsError if a file is invalid, or the
+    board cannot be opened.
     """
     set_up = offered(options.port, "calibration_setup") or _by_hand
     bench = set_up(options, made, path, Guide())

@@ -22,22 +22,7 @@ from .thermal import with_lines as with_thermal
 
 
 def check(before: CalibrationFile | None, board: str, path: object) -> None:
-    """Check that a calibration of a board may replace another one.
-
-    Parameters
-    ----------
-    before : CalibrationFile or None
-        Calibration that would be replaced; None if there is none.
-    board : str
-        Id of the present board.
-    path : object
-        Path of the file, for the error message.
-
-    Raises
-    ------
-    FileError
-        If `before` belongs to another board.
-    """
+    """FileError if a calibration that would be replaced belongs to another board."""
     if before is not None and before.board != board:
         raise FileError(
             f"{path} is the calibration of board {before.board}, but this is board {board}: name "
@@ -47,19 +32,7 @@ def check(before: CalibrationFile | None, board: str, path: object) -> None:
 
 
 def continues(session: Session, before: CalibrationFile) -> bool:
-    """Return whether a calibration was made from the first presses of a session.
-
-    Parameters
-    ----------
-    session : Session
-        The session.
-    before : CalibrationFile
-        The calibration.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether a calibration was made from the first presses of a session."""
     fitted = [p for p in session.points if p.kind not in ("choose", "joint")]
     known = [p for p in fitted if datetime.fromisoformat(p.time) <= before.date]
     if not known or session.conditions != before.conditions:
@@ -73,15 +46,7 @@ def continues(session: Session, before: CalibrationFile) -> bool:
 def undrifted(rezeros: list[Rezero]) -> Callable[[Point], Point]:
     """Return a function that removes the drift, as the last re-zero before it found it, of a press.
 
-    Parameters
-    ----------
-    rezeros : list of Rezero
-        All re-zeros of the calibration, oldest first.
-
-    Returns
-    -------
-    callable
-        ``change(point)`` returns the `Point` without drift.
+    The re-zeros begin with the oldest.
     """
 
     def change(point: Point) -> Point:
@@ -109,20 +74,8 @@ def carried(
 ) -> CalibrationFile:
     """Return a calibration with what it does not measure itself, from the one that it replaces.
 
-    Parameters
-    ----------
-    new : CalibrationFile
-        Calibration from the presses of the session, without drift.
-    before : CalibrationFile or None
-        Calibration in the file that will be replaced.
-    session : Session
-        The session of `new`.
-    say : callable
-        ``say(line)`` shows what cannot be taken over.
-
-    Returns
-    -------
-    CalibrationFile
+    `new` is from the presses of the session, without drift. ``say(line)`` shows what cannot be
+    taken over.
     """
     if before is None:
         return new

@@ -33,22 +33,9 @@ def dark_command(options: argparse.Namespace) -> None:
 def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
     """Take the dark frame after a person has unplugged the LED; store the frame on the board.
 
-    Parameters
-    ----------
-    board : Board
-        Board whose LED is always on. The dark frame is valid for the board's present settings.
-    ask : callable
-        ``ask(text)`` shows a request to the person, and returns when the person has done it.
-
-    Returns
-    -------
-    list of int
-        Dark counts of the six channels, summed over `decode.DARK_SAMPLES` samples.
-
-    Raises
-    ------
-    BoardError
-        If the board can switch its LED off itself, or is disconnected.
+    It is valid for the board's present settings. ``ask(text)`` returns when the person has done
+    what it asks. Returned are the six dark counts, summed over `decode.DARK_SAMPLES` samples.
+    BoardError if the board can switch its LED off itself, or is disconnected.
     """
     state = board.command("get")
     if state["led"] != "always":

@@ -24,27 +24,13 @@ class UndoError(Exception):
 class Progress:
     """State of a session by hand, after a fit to the n presses that were taken.
 
-    Attributes
-    ----------
-    place_um : numpy.ndarray, shape (n,)
-        Positions of the presses in um, as the person read them.
-    force_mN : numpy.ndarray, shape (n,)
-        Forces of the presses in mN, as the person read them; 0 if unknown.
-    off_um : numpy.ndarray, shape (n,)
-        Leave-one-out error of each position: position from a fit to all other presses, minus
-        `place_um`, in um.
-    off_share : numpy.ndarray, shape (n,)
-        Leave-one-out error of each force: force from a fit to all other presses, divided by
-        `force_mN`, minus 1; 0 if the force is unknown.
-    sigma_um : float
-        Expected standard deviation of a position in um, averaged over the strip.
-    sigma_share : float
-        Expected relative standard deviation of a force, averaged over the forces; NaN if no force
-        is known.
-    thin : tuple of str
-        Positions and forces near which there are too few presses, for example ``near 40 mm``.
-    done, total : int
-        Number of presses that were taken, and planned number of presses of the session.
+    `place_um` and `force_mN` are what the person read; a force is 0 if unknown. `off_um` and
+    `off_share` are leave-one-out errors: the position from a fit to all other presses minus
+    `place_um`; the force from it divided by `force_mN`, minus 1, 0 if the force is unknown.
+    `sigma_um` and `sigma_share` are expected standard deviations, averaged over the strip and over
+    the forces; the latter is relative, and NaN if no force is known. `thin` are positions and
+    forces near which there are too few presses, for example ``near 40 mm``. `done` and `total` are
+    the numbers of taken and of planned presses.
     """
 
     place_um: np.ndarray
@@ -93,15 +79,7 @@ class Dialog(Protocol):
         """Show the progress of a session by hand after a press."""
 
     def request(self, phase: str, text: str) -> None:
-        """Show a request to press or to release the strip.
-
-        Parameters
-        ----------
-        phase : str
-            `PRESS` or `RELEASE`.
-        text : str
-            The request.
-        """
+        """Show a request to press or to release the strip; the phase is `PRESS` or `RELEASE`."""
 
     def instruments(self, place_um: float | None, force_mN: float | None) -> None:
         """Show a simulated ruler and scale with the next question; only for practice.

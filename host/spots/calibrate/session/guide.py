@@ -26,18 +26,7 @@ _LOW = 24  # a terminal with at most this number of lines shows only one message
 
 
 def ruler_lines(place_um: float) -> list[str]:
-    """Return a picture of a ruler near a position: numbers, lines, and a mark at the position.
-
-    Parameters
-    ----------
-    place_um : float
-        Position of the mark in um.
-
-    Returns
-    -------
-    list of str
-        Lines of text.
-    """
+    """Return a picture of a ruler near a position: numbers, lines, and a mark at the position."""
     begin_mm = max(round(place_um / 1000) - _RULER_MM // 2, 0)
     numbers = "".join(f"{begin_mm + i:<{_PER_MM}}" for i in range(_RULER_MM + 1))
     lines = ("|" + "." * (_PER_MM - 1)) * _RULER_MM + "|"
@@ -48,12 +37,7 @@ def ruler_lines(place_um: float) -> list[str]:
 class Guide:
     """A `Dialog` that draws on a terminal, or prints lines to a file; use it in a ``with`` block.
 
-    Parameters
-    ----------
-    console : rich.console.Console, optional
-        Console to draw on; standard output if not given.
-    stdin : file, optional
-        Source of the answers; standard input if not given.
+    Standard output and input are used if nothing else is given.
     """
 
     def __init__(self, console: Console | None = None, stdin=None):
@@ -82,19 +66,7 @@ class Guide:
                 self._console.print(self._messages[-1], markup=False, soft_wrap=True)
 
     def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:
-        """Begin a series of presses.
-
-        Parameters
-        ----------
-        title : str
-            Name of the series.
-        total : int
-            Number of presses.
-        plan : tuple of str
-            Names of the channels.
-        length_um : float
-            Length of the strip, in um.
-        """
+        """Begin a series of presses with a title, for the channels of a plan."""
         self._title, self._plan, self._length_um = title, plan, length_um
         self._done, self._total = 0, total
         self.say(f"{title}: {total} presses, channels {' '.join(plan)}")
@@ -116,15 +88,9 @@ class Guide:
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
         """Show a reading of the present press.
 
-        Parameters
-        ----------
-        reading : Reading
-            The reading.
-        trouble : str or None
-            Reason why the press is not steady, or the request ``release``; None for a steady press.
-        steady : float
-            Progress of the press, 0 to 1: number of steady readings or duration of the hold, as a
-            share of what the press needs.
+        `trouble` is why the press is not steady, or the request ``release``; None for a steady
+        press. `steady` is the number of steady readings or the duration of the hold, as a share of
+        what the press needs.
         """
         self._bars = bars(self._plan, reading.counts.tolist(), _BAR_COUNTS)
         self._bars.add_row("held", "", Text(bar(steady), style="green"))
@@ -133,15 +99,7 @@ class Guide:
         self._draw()
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
-        """Show that a press was taken.
-
-        Parameters
-        ----------
-        wanted : Wanted
-            The press.
-        reading : Reading
-            Reading of the press, with the counts to show.
-        """
+        """Show that a press was taken, with the counts of its reading."""
         self._done += 1
         counts = " ".join(f"{count:.0f}" for count in reading.counts)
         self.say(f"{self._done}/{self._total}  {wanted}: {counts}")
@@ -158,15 +116,7 @@ class Guide:
         self.say(text)
 
     def instruments(self, place_um: float | None, force_mN: float | None) -> None:
-        """Show a simulated ruler and scale with the next question.
-
-        Parameters
-        ----------
-        place_um : float or None
-            Position of the finger in um; None without a ruler.
-        force_mN : float or None
-            Force on the scale in mN; None without a scale.
-        """
+        """Show a simulated ruler and scale with the next question; None without one of them."""
         self._instruments = [] if place_um is None else ruler_lines(place_um)
         if force_mN is not None:
             self._instruments.append(f"scale: {force_mN / FORCES['g']:.0f} g")
@@ -182,12 +132,7 @@ class Guide:
     def ask(self, question: str) -> str:
         """Ask a question and return the answer; drop what was typed before the question.
 
-        Raises
-        ------
-        StateError
-            If standard input is closed.
-        UndoError
-            If the answer is ``undo``.
+        StateError if standard input is closed; UndoError if the answer is ``undo``.
         """
         if self._live is not None:
             self._live.stop()

@@ -57,23 +57,10 @@ _UNSURE = 2.0  # below this multiple of the least force, the fitted light may fa
 def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool) -> None:
     """Ask a person for presses by hand until the session has enough of them.
 
-    Parameters
-    ----------
-    bench : Bench
-        Board, strip and presser.
-    session : Session
-        Session with the presses already taken; the new presses are added.
-    count, least : int
-        Number of presses by hand to take, and its lower limit. If many presses are invalid or
-        repeated, fewer are taken, so that the person does not press more often in total.
-    rough : bool
-        Whether the person has no scale. The forces are then unknown.
-
-    Raises
-    ------
-    CalibrationError
-        If the largest force is too weak to give light in all channels, or a press is invalid at
-        every attempt.
+    The new presses are added to the session. If many presses are invalid or repeated, fewer than
+    `count` are taken, down to `least`, so that the person does not press more often in total. With
+    `rough`, the person has no scale, and the forces are unknown. CalibrationError if the largest
+    force is too weak to give light in all channels, or a press is invalid at every attempt.
     """
     guide, plan = bench.guide, bench.reader.conditions.plan
     guide.begin("presses by hand", count, plan, bench.length_um)
@@ -137,21 +124,8 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
 def material(session: Session, length_um: float) -> tuple[Surface, Presses, Presses]:
     """Fit a session by hand, and compute from the fit the presses that `fit.fit` needs.
 
-    Parameters
-    ----------
-    session : Session
-        A session with presses by hand.
-    length_um : float
-        Length of the strip in um.
-
-    Returns
-    -------
-    surface : Surface
-        Fit of all presses.
-    along : Presses
-        Presses along the strip with one firm force, computed from `surface`.
-    pressed : Presses
-        Presses at a few positions with ascending forces, computed from `surface`.
+    They are presses along the strip with one firm force, and presses at a few positions with
+    ascending forces. The fit is returned, too.
     """
     surface = _surface(session, length_um).moved()
     along = surface.presses(np.linspace(0, length_um, _ALONG), np.full(_ALONG, FIRM_MN))

@@ -20,22 +20,10 @@ _LEAST_UM = 0.1  # lower limit of standard deviations, because readings are in w
 def fit_joint(points: list[Point]) -> Joint:
     """Fit a straight line to the points of both directions of turning, and compute its errors.
 
-    Parameters
-    ----------
-    points : list of Point
-        Points of the joint, in the order of the session. For `Joint.accuracy_deg`, a line is
-        fitted to every second point of each direction; the other points give its error.
-
-    Returns
-    -------
-    Joint
-        The line, and the errors of its angles.
-
-    Raises
-    ------
-    CalibrationError
-        If there are too few points, if two points of one direction have equal angles, or if the
-        position does not rise or fall steadily with the angle, or is far from a straight line.
+    The points are in the order of the session. For `Joint.accuracy_deg`, a line is fitted to every
+    second point of each direction; the other points give its error. CalibrationError if there are
+    too few points, if two points of one direction have equal angles, or if the position does not
+    rise or fall steadily with the angle, or is far from a straight line.
     """
     ways = [[p for p in points if p.direction == way] for way in (1, -1)]
     if min(len(way) for way in ways) < ANGLES_MIN:
@@ -92,10 +80,7 @@ def fit_joint(points: list[Point]) -> Joint:
 def joint_marks(points: list[Point]) -> Marks:
     """Return the marks for a re-zero: lowest, middle and highest angle of the upward turn.
 
-    Parameters
-    ----------
-    points : list of Point
-        Points of the joint; at least `ANGLES_MIN` of them have direction 1 (upwards).
+    At least `ANGLES_MIN` of the points must have direction 1 (upwards).
     """
     way = sorted((p for p in points if p.direction > 0), key=lambda p: p.angle_deg)
     stops = sorted((way[0], way[len(way) // 2], way[-1]), key=lambda p: p.position_um)

@@ -36,24 +36,10 @@ _TOUCHES = 0.5  # least share of the presses that the calibration must read as t
 def make(session: Session, say: Callable[[str], None] = print) -> file.CalibrationFile:
     """Compute a calibration from the presses of a session.
 
-    Parameters
-    ----------
-    session : Session
-        Presses of the session. A strain with fewer than `PLACES_MIN` presses is ignored, and so is
-        a joint whose presses cannot be fitted.
-    say : callable
-        ``say(line)`` shows a message: the hysteresis and creep that the board will compensate, or
-        why the calibration does not include the joint.
-
-    Returns
-    -------
-    CalibrationFile
-        The calibration, with the current date and time.
-
-    Raises
-    ------
-    CalibrationError
-        If the presses do not give a calibration, or do not fit the calibration that they give.
+    A strain with fewer than `PLACES_MIN` presses is ignored, and so is a joint whose presses cannot
+    be fitted. ``say(line)`` shows the hysteresis and creep that the board will compensate, or why
+    the calibration does not include the joint. CalibrationError if the presses do not give a
+    calibration, or do not fit the calibration that they give.
     """
     try:
         return _made(session, say)

@@ -28,16 +28,9 @@ KINDS = ("fine", "rough")
 class Score:
     """Errors of a calibration on a simulated strip, and of the answers that it was made from.
 
-    Attributes
-    ----------
-    position_rms_um, position_worst_um : float
-        Errors of the positions that the calibrated board reports, in um.
-    force_rms_mN : float or None
-        Error of the forces in mN; None for a rough session, whose forces are relative.
-    read_rms_um : float
-        Error of the positions that the person read off the ruler, in um.
-    read_rms_mN : float or None
-        Error of the forces that the person read off the scale in mN; None without a scale.
+    The former are those of the calibrated board; its error of forces is None for a rough session,
+    whose forces are relative. The latter are those of what the person read off ruler and scale;
+    None without a scale.
     """
 
     position_rms_um: float
@@ -63,12 +56,8 @@ class Score:
 class Practice:
     """A simulated strip with a simulated finger, see `link.ports`.
 
-    Attributes
-    ----------
-    bench : Bench
-        Board, strip and presser; the presser asks the person what ruler and scale show.
-    score : callable
-        ``score(session, calibration)`` returns the `Score` of a finished session.
+    The presser of the bench asks the person what ruler and scale show. ``score(session,
+    calibration)`` returns the `Score` of a finished session.
     """
 
     bench: Bench
@@ -78,27 +67,10 @@ class Practice:
 def practise(options: argparse.Namespace, kind: str, count: int, guide: Dialog) -> Score:
     """Run a session by hand on a simulated strip, and return the score.
 
-    Parameters
-    ----------
-    options : argparse.Namespace
-        ``sensor`` and ``seed`` of the simulated strip; ``plan`` and ``keep_settings`` as for
-        `steps.calibrate`; ``length_mm``, which must be None or the length of the simulated strip.
-    kind : str
-        ``fine`` or ``rough``.
-    count : int
-        Number of presses by hand; 0 for the default.
-    guide : Dialog
-        Shows the session, and reads the answers.
-
-    Returns
-    -------
-    Score
-        Errors of the calibration and of the answers.
-
-    Raises
-    ------
-    RequirementError
-        If there is no simulator, or the session ends early.
+    The options are ``sensor`` and ``seed`` of the simulated strip; ``plan`` and ``keep_settings``
+    as for `steps.calibrate`; ``length_mm``, which must be None or the length of the simulated
+    strip. `kind` is ``fine`` or ``rough``; `count` is 0 for the default. RequirementError if there
+    is no simulator; CalibrationError if the session ends early.
     """
     begin: Callable[..., AbstractContextManager[Practice]] | None = offered("virtual", "practice")
     if begin is None:

@@ -19,17 +19,8 @@ _ANGLE_MAX_DEG = 3600.0
 class Presser:
     """A person who presses, with ruler and scale; a subclass for a machine overrides all methods.
 
-    Parameters
-    ----------
-    guide : Dialog
-        Shows the requests to the person, and reads the answers.
-
-    Attributes
-    ----------
-    patience_s : float
-        Longest time in s from a request to a steady press.
-    steady : int
-        Least number of successive steady readings that a valid press needs.
+    A request must lead to a steady press within `patience_s`. A valid press needs `steady`
+    successive steady readings.
     """
 
     patience_s = 120.0
@@ -41,13 +32,8 @@ class Presser:
     def stretch(self, strain_ppm: int, length_um: float) -> None:
         """Stretch the strip to a length, while nothing presses the strip.
 
-        Parameters
-        ----------
-        strain_ppm : int
-            Elongation over length at rest, in ppm; 0 to relax the strip, which a person is not
-            asked to do.
-        length_um : float
-            Length of the stretched strip in um.
+        `length_um` is that of the stretched strip. Strain 0 relaxes the strip, which a person is
+        not asked to do.
         """
         if strain_ppm:
             length = f"the strip to {length_um / 1000:.1f} mm ({strain_ppm / 10_000:g} %)"
@@ -79,17 +65,7 @@ class Presser:
     def read_off(self, wanted: Wanted, length_um: float) -> Wanted | None:
         """Ask for the true place and force of a press by hand, as ruler and scale showed them.
 
-        Parameters
-        ----------
-        wanted : Wanted
-            The press that was requested. If its force is 0, the question is only for the place.
-        length_um : float
-            Length of the strip in um.
-
-        Returns
-        -------
-        Wanted or None
-            The press with its true place and force; None to repeat the press.
+        If the force of `wanted` is 0, the question is only for the place. None to repeat the press.
         """
         default, what = f"{wanted.place_um / 1000:.1f} mm", "does the ruler show"
         if wanted.force_mN:
@@ -149,17 +125,7 @@ class Presser:
     def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:
         """Find the least force that gives light in every channel at a position.
 
-        Parameters
-        ----------
-        wanted : Wanted
-            Press at the position; a machine presses at most with the force of this press.
-        reader : SpectrumReader
-            Reads the counts of the channels.
-
-        Returns
-        -------
-        float
-            The least force in mN.
+        A machine presses at most with the force of `wanted`, and reads the channels.
         """
         # The limits reject a force that was typed in grams, and a strip that needs more than the
         # force of a firm press.
@@ -171,20 +137,10 @@ class Presser:
         )
 
     def turn(self, direction: int, share: float) -> Wanted:
-        """Turn the joint to its next angle.
+        """Turn the joint to its next angle; return a press of kind ``joint`` with this angle.
 
-        Parameters
-        ----------
-        direction : int
-            Direction of the turn: 1 up, -1 down.
-        share : float
-            Requested angle as a share of the joint's travel, 0 to 1. A person may turn the joint
-            to another angle.
-
-        Returns
-        -------
-        Wanted
-            Press of kind ``joint``, with the angle after the turn and the direction of the turn.
+        `direction` is 1 up, -1 down; `share` is that of the joint's travel. A person may turn the
+        joint to another angle.
         """
         way = "up" if direction > 0 else "down"
         angle = self._number(

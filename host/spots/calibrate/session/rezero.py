@@ -62,32 +62,11 @@ def rezero(
 ) -> file.CalibrationFile:
     """Ask for presses at the marks, and return the corrected calibration without writing a file.
 
-    Parameters
-    ----------
-    bench : Bench
-        Board, strip and presser.
-    made : CalibrationFile
-        Calibration to correct.
-    presses : int
-        Number of presses at each mark.
-    quick : bool
-        Whether to press the middle mark only. This corrects LED and filters, but not the dye.
-    force_mN : float, optional
-        Force of each press in mN, read off a scale. If given, the drift of the force is corrected,
-        too.
-    joint : bool
-        Whether to use the marks of the joint instead of those that a person presses.
-
-    Returns
-    -------
-    CalibrationFile
-        The corrected calibration.
-
-    Raises
-    ------
-    CalibrationError
-        If the calibration has no marks or was made on another board or at other settings, or if the
-        presses at a mark disagree.
+    With `quick`, only the middle mark is pressed. This corrects LED and filters, but not the dye.
+    With `force_mN` of each press, read off a scale, the drift of the force is corrected, too. With
+    `joint`, the marks are those of the joint instead of those that a person presses. SpotsError if
+    the calibration has no marks or was made on another board or at other settings, or if the
+    presses at a mark disagree.
     """
     marks = _marks(made, bench.path, joint, force_mN)
     table, reader = Calibration(made.lines), bench.reader
@@ -162,27 +141,11 @@ def _marks(
 
 
 def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> str:
-    """Write a corrected calibration to the file and to the board.
+    """Write a corrected calibration to the file and to the board; return its checksum.
 
-    Parameters
-    ----------
-    bench : Bench
-        Board, and path of the file.
-    made : CalibrationFile
-        Calibration before the re-zero.
-    new : CalibrationFile
-        Calibration after the re-zero.
-
-    Returns
-    -------
-    str
-        Checksum of the new calibration, as the board's command ``hello`` reports it.
-
-    Raises
-    ------
-    CalibrationError
-        If the file or the board cannot be written. The calibration `made` is then restored in both;
-        if the board does not answer, the message says that it can have either calibration.
+    SpotsError if the file or the board cannot be written. The calibration `made` from before the
+    re-zero is then restored in both; if the board does not answer, the message says that it can
+    have either calibration.
     """
     file.save(new, bench.path, made)
     try:

@@ -34,20 +34,7 @@ _KIND = atomic.Kind("a session", lambda path: read_bytes(path, SESSION_MAX_BYTES
 def point(wanted: Wanted, reading: Reading, conditions: Conditions, **measured) -> Point:
     """Return the `Point` of a press, with its reading and the present time.
 
-    Parameters
-    ----------
-    wanted : Wanted
-        The press.
-    reading : Reading
-        Reading of the press.
-    conditions : Conditions
-        Board and settings of the reading.
-    **measured
-        Further fields of `Point`, such as ``length_um``.
-
-    Returns
-    -------
-    Point
+    `measured` has further fields of `Point`, such as ``length_um``.
     """
     return Point(
         **msgspec.structs.asdict(wanted),
@@ -65,25 +52,10 @@ class Session:
     """A session file and its points: the presses that were taken, with their readings.
 
     The file is the truth: `add` and `remove` change the file as it is now, also if somebody edited
-    it in the meantime, and then read it again.
-
-    Parameters
-    ----------
-    path : Path
-        Name of the file, which need not exist. An incomplete last line, which a killed program
-        leaves, is ignored, and replaced by `add`.
-
-    Attributes
-    ----------
-    points : list of Point
-        Points of the file, as `refer` changes them.
-    removed : list of Point
-        Presses by hand that were removed, to ask for again.
-
-    Raises
-    ------
-    SpotsError
-        If the file cannot be read, or a complete line is not a point.
+    it in the meantime, and then read it again. The file need not exist. An incomplete last line,
+    which a killed program leaves, is ignored, and replaced by `add`. `points` are those of the
+    file, as `refer` changes them; `removed` are presses by hand to ask for again. FileError if the
+    file cannot be read, or a complete line is not a point.
     """
 
     def __init__(self, path: Path):
@@ -100,10 +72,7 @@ class Session:
     def locked(self) -> Iterator[None]:
         """Keep other programs from changing the session; may be nested.
 
-        Raises
-        ------
-        InUseError
-            If another program uses the session, or its folder cannot be written.
+        InUseError if another program uses the session, or its folder cannot be written.
         """
         if self._is_locked:
             yield
@@ -125,32 +94,12 @@ class Session:
             yield
 
     def refer(self, change: Callable[[Point], Point]) -> None:
-        """Change all points, also later ones, but not the file; for example to remove a drift.
-
-        Parameters
-        ----------
-        change : callable
-            ``change(point)`` returns the `Point` to use.
-        """
+        """Change all points, also later ones, but not the file; for example to remove a drift."""
         self._refer = change
         self._parse(self._data)
 
     def referred(self, wanted: Wanted, reading: Reading, conditions: Conditions) -> Point:
-        """Return the point of a press that is not added yet, changed as `refer` demands.
-
-        Parameters
-        ----------
-        wanted : Wanted
-            The press.
-        reading : Reading
-            Reading of the press.
-        conditions : Conditions
-            Board and settings of the reading.
-
-        Returns
-        -------
-        Point
-        """
+        """Return the point of a press that is not added yet, changed as `refer` demands."""
         return self._refer(point(wanted, reading, conditions))
 
     def progress(self) -> str:
@@ -164,11 +113,8 @@ class Session:
     def add(self, taken: Point) -> None:
         """Append a point to the file, and wait until the point is on disk.
 
-        Raises
-        ------
-        FileError
-            If the point cannot be written, or somebody has damaged a line of the file. Then the
-            point is stored nevertheless.
+        FileError if the point cannot be written, or somebody has damaged a line of the file. Then
+        the point is stored nevertheless.
         """
         line = msgspec.json.encode(taken)
         with self.locked():
@@ -199,13 +145,7 @@ class Session:
         return None
 
     def remove(self, point: Point) -> None:
-        """Remove a point from the session; the file is replaced atomically.
-
-        Raises
-        ------
-        SpotsError
-            If the file cannot be written.
-        """
+        """Remove a point from the session; the file is replaced atomically."""
         stored = self._stored[next(i for i, p in enumerate(self.points) if p is point)]
         with self.locked():
             data = self._read()
@@ -253,36 +193,11 @@ class Session:
         self._stored, self._data = stored, data
 
     def of(self, kind: str, strain_ppm: int = 0) -> list[Point]:
-        """Return the points of one kind of press at one strain.
-
-        Parameters
-        ----------
-        kind : str
-            Kind of the presses, see `Wanted.kind`.
-        strain_ppm : int
-            Strain of the strip in ppm.
-
-        Returns
-        -------
-        list of Point
-            Points in the order in which they were taken.
-        """
+        """Return the points of one kind of press at one strain, oldest first."""
         return [p for p in self.points if p.kind == kind and p.strain_ppm == strain_ppm]
 
     def has(self, wanted: Wanted, plan: tuple[str, ...]) -> bool:
-        """Return whether the session already has a point for a press.
-
-        Parameters
-        ----------
-        wanted : Wanted
-            The press to look for.
-        plan : tuple of str
-            Channels that the reading must have.
-
-        Returns
-        -------
-        bool
-        """
+        """Return whether the session already has a point for a press, with a plan's channels."""
         return any(
             abs(p.place_um - wanted.place_um) < _SAME_UM
             and abs(p.force_mN - wanted.force_mN) < _SAME_SHARE * wanted.force_mN
@@ -324,17 +239,7 @@ class Session:
     def check(self, present: Conditions, length_um: float | None = None) -> None:
         """Check that the present board, settings and strip are those of the session.
 
-        Parameters
-        ----------
-        present : Conditions
-            Present board and settings.
-        length_um : float, optional
-            Length of the strip at rest in um; not checked if not given.
-
-        Raises
-        ------
-        FileError
-            If the session has another board, other settings, or a strip of another length.
+        The length of the strip at rest is not checked if not given. FileError otherwise.
         """
         made = self.conditions
         if made is None:

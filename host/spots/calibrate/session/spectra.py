@@ -43,20 +43,12 @@ _SHADED = 60.0
 class Reading:
     """Statistics of the samples of a steady press.
 
-    Attributes
-    ----------
-    counts : numpy.ndarray, shape (6,)
-        Mean dark-subtracted counts of each channel.
-    variance : numpy.ndarray, shape (6,)
-        Variance of one sample of each channel in counts**2, without the noise that all channels
-        share. 0 for a channel with a mean of at most one count, and for all channels if fewer than
-        three channels have more than that.
-    drift : float
-        Change of the brightness from the first half of the samples to the second, in log2 units.
-    saturated : bool
-        Whether at least one channel was saturated.
-    baseline : numpy.ndarray, shape (6,)
-        Light of the untouched strip that was subtracted from `counts`, see `SpectrumReader`.
+    `counts` are dark-subtracted means. `variance` is that of one sample of each channel in
+    counts**2, without the noise that all channels share. It is 0 for a channel with a mean of at
+    most one count, and for all channels if fewer than three channels have more than that. `drift`
+    is the change of the brightness from the first half of the samples to the second, in log2 units.
+    `saturated` is whether at least one channel was saturated. `baseline` is the light of the
+    untouched strip that was subtracted from `counts`, see `SpectrumReader`.
     """
 
     counts: np.ndarray
@@ -93,19 +85,10 @@ def mean(readings: list[Reading]) -> Reading:
 class SpectrumReader:
     """Reads single samples from a board.
 
-    The board's setting ``average`` (samples per reading) is 1 until `restore` is called, or until
-    a ``with`` block of the reader ends. Call `set_up` again if the board's settings change.
-
-    Parameters
-    ----------
-    board : Board
-        The board.
-
-    Attributes
-    ----------
-    baseline : numpy.ndarray, shape (6,)
-        Light of the untouched strip in counts of a sample, without the dark frame; subtracted from
-        all samples. 0 if it was not measured, or if noise alone can cause it.
+    The board's setting ``average`` (samples per reading) is 1 until `restore` is called, or until a
+    ``with`` block of the reader ends. Call `set_up` again if the board's settings change.
+    `baseline` is the light of the untouched strip in counts of a sample, without the dark frame; it
+    is subtracted from all samples. 0 if it was not measured, or if noise alone can cause it.
     """
 
     def __init__(self, board: Board):
@@ -124,21 +107,10 @@ class SpectrumReader:
     def set_up(self, line: str = "", dark_s: float = 0.0, untouched: bool = False) -> None:
         """Change settings of the board, then read all its settings and take the dark frame.
 
-        `baseline` becomes what was last measured at these settings.
-
-        Parameters
-        ----------
-        line : str
-            Arguments of the board's command ``set``, for example ``gain=9``; empty for no change.
-        dark_s : float
-            Total exposure of the dark frames to average, in s; at least one frame is taken.
-        untouched : bool
-            Whether nothing presses the strip, so that `baseline` can be measured.
-
-        Raises
-        ------
-        SpotsError
-            If the board refuses a setting, or is disconnected.
+        `line` has arguments of the board's command ``set``, for example ``gain=9``. `dark_s` is the
+        total exposure of the dark frames to average; at least one frame is taken. If nothing
+        presses the strip (`untouched`), `baseline` can be measured; otherwise it becomes what was
+        last measured at these settings.
         """
         if line:
             self.board.command("set " + line)
@@ -156,13 +128,7 @@ class SpectrumReader:
             self._dark = np.mean([self._dark_frame() for _ in range(darks)], axis=0)
 
     def use_baseline(self, lines: Iterable[str]) -> None:
-        """Use the light of the untouched strip in a calibration, at the present exposure.
-
-        Parameters
-        ----------
-        lines : iterable of str
-            Lines of the calibration, see `spots_device.reading.calibration_lines`.
-        """
+        """Use the light of the untouched strip in a calibration, at the present exposure."""
         made = Calibration(lines)
         longer = self.conditions.exposure_us / made.conditions.exposure_us
         self.baseline = np.array(made.baseline or [0] * CHANNELS) / DARK_SAMPLES * longer
@@ -216,10 +182,7 @@ class SpectrumReader:
     def samples(self, count: int) -> tuple[np.ndarray, bool]:
         """Return new dark-subtracted samples, shape (count, 6), and whether one was saturated.
 
-        Raises
-        ------
-        BoardError
-            If the board sends too few samples in time.
+        BoardError if the board sends too few samples in time.
         """
         limit_s = _TIMEOUT_S + 3e-6 * count * self.info["exposure_us"]
         frames, darks = self._spectra(count, limit_s)
@@ -287,22 +250,7 @@ class SpectrumReader:
     def positions_um(self, count: int, timeout_s: float) -> np.ndarray:
         """Return new positions that a calibrated board reports; the board must stream touches.
 
-        Parameters
-        ----------
-        count : int
-            Number of positions.
-        timeout_s : float
-            Longest time to wait for the positions, in s.
-
-        Returns
-        -------
-        numpy.ndarray, shape (count,)
-            Positions in um.
-
-        Raises
-        ------
-        CalibrationError
-            If the board reports too few positions.
+        CalibrationError if the board reports too few positions in time.
         """
         frames = self._frames(count, lambda f: isinstance(f, Touch) and f.trusted, timeout_s)
         if len(frames) < count:

@@ -63,27 +63,11 @@ def calibrate(
 ) -> None:
     """Take the missing presses of one kind; store a calibration if the session is then complete.
 
-    Parameters
-    ----------
-    bench : Bench
-        Board, strip and presser.
-    session : Session
-        Session with the presses already taken; the new presses are added.
-    kind : str
-        ``fine`` (with a scale) or ``rough`` (without) for presses by hand; or ``position``,
-        ``strain``, ``force`` or ``joint``.
-    count : int
-        Number of presses by hand, of positions, of forces, or of angles in each direction,
-        according to `kind`; 0 for the default.
-    strain_percent : float or None
-        Strain in per cent, for the kind ``strain``.
-    options : argparse.Namespace
-        ``plan``: channel names, or None. ``keep_settings``: whether to keep gain and LED current.
-
-    Raises
-    ------
-    SpotsError
-        If the session has another board or other settings, or its presses give no calibration.
+    `kind` is ``fine`` (with a scale) or ``rough`` (without) for presses by hand; or ``position``,
+    ``strain``, ``force`` or ``joint``. `count` is the number of presses by hand, of positions, of
+    forces, or of angles in each direction; 0 for the default. The options are ``plan``, channel
+    names or None, and ``keep_settings``, whether to keep gain and LED current. SpotsError if the
+    session has another board or other settings, or its presses give no calibration.
     """
     undone = False
     with session.locked():

@@ -26,19 +26,9 @@ _SAME = 1e-5  # log2: a smaller mean of all channels means that the force was un
 def with_lines(lines: Sequence[str], rezeros: Sequence[file.Rezero]) -> list[str]:
     """Return the lines of a calibration, with ``temperature`` and ``warm`` if they are known.
 
-    Parameters
-    ----------
-    lines : sequence of str
-        Lines of the calibration without these two.
-    rezeros : sequence of Rezero
-        All re-zeros of the calibration, oldest first. The tables of the calibration are those of
-        the last one.
-
-    Returns
-    -------
-    list of str
-        Only `lines` if the last re-zero has no temperature, if no re-zeros at the same marks,
-        within a day, were at temperatures 3 K apart, or if the change does not fit the tables.
+    The re-zeros begin with the oldest; the tables of the calibration are those of the last one. The
+    result is only `lines` if the last re-zero has no temperature, if no re-zeros at the same marks,
+    within a day, were at temperatures 3 K apart, or if the change does not fit the tables.
     """
     found = [*lines, *_lines(rezeros)]
     try:

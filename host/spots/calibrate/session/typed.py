@@ -22,20 +22,8 @@ _THOUSANDS = re.compile(r"(-?[1-9]\d{0,2})[.,](\d{3})", re.ASCII)
 def decimal(text: str) -> float:
     """Return a number that a person typed with a decimal point or a decimal comma.
 
-    Parameters
-    ----------
-    text : str
-        The number, without a unit.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    SettingError
-        If the text is not a number, or its comma can also separate thousands, as in ``1,200``. The
-        text of the error lacks the remedy.
+    SettingError if the text is not a number, or its comma can also separate thousands, as in
+    ``1,200``. The text of the error lacks the remedy.
     """
     if not _NUMBER.fullmatch(text):
         raise SettingError(f"'{text}' is not valid")
@@ -54,29 +42,12 @@ def _thousands(text: str) -> str:
 def typed(
     text: str, length_um: float, wanted_mN: float = _MOST_MN
 ) -> tuple[float | None, float | None]:
-    """Parse a position and a force that a person typed in any order.
+    """Parse a position in um and a force in mN that a person typed in any order; None if not typed.
 
-    Parameters
-    ----------
-    text : str
-        Numbers with units, for example ``42mm 120g``. A measure may have two units, for example
-        ``4cm 2mm``.
-    length_um : float
-        Length of the strip in um.
-    wanted_mN : float, optional
-        Requested force of the press, in mN. A typed force below 98 mN (10 g) is accepted only if
-        it is at least half of the requested force.
-
-    Returns
-    -------
-    place_um, force_mN : float or None
-        Position in um and force in mN; None if not typed.
-
-    Raises
-    ------
-    SettingError
-        If a unit is missing or unknown, two positions or two forces are typed, a number is
-        ambiguous, or a value is impossible for a press by hand.
+    The numbers have units, for example ``42mm 120g``. A measure may have two units, for example
+    ``4cm 2mm``. A typed force below 98 mN (10 g) is accepted only if it is at least half of the
+    requested force. SettingError if a unit is missing or unknown, two positions or two forces are
+    typed, a number is ambiguous, or a value is impossible for a press by hand.
     """
     found: dict[str, tuple[float, str]] = {}
     at = 0
