@@ -22,12 +22,12 @@ from spots_sim.strip.scenario import Scenario
 pytestmark = pytest.mark.board
 
 START_S = 3.0
-BETWEEN_S = 2.0  # from the end of a case, when all is released, to the start of the next one
+BETWEEN_S = 0.8  # from the end of a case, when all is released, to the start of the next one
 RAMP_S = 0.02
 FORCE_MN = 1500
 LONGEST_MS = 2000  # longer cases would take minutes
-# Runs a large selection if true.
-ALL = [(times, exposure_us) for times in (8, 4) for exposure_us in (10_000, 5_000)]
+# A larger factor leaves more samples in each case, so it cannot fail where this one passes.
+TIMES = 4
 
 
 def fingers_of(case, times, start_s, length_mm):
@@ -80,12 +80,10 @@ def play(sensor, lines, folder, some, times, exposure_us):
     return logs
 
 
-@pytest.mark.parametrize(("times", "exposure_us"), ALL)
-def test_a_hold_tap_decides_under_fingers_as_keyboard_firmware_does(
-    sensor, tmp_path, times, exposure_us
-):
+@pytest.mark.parametrize("exposure_us", [10_000, 5_000])
+def test_a_hold_tap_decides_under_fingers_as_keyboard_firmware_does(sensor, tmp_path, exposure_us):
     some = cases()
-    logs = play(sensor, calibrate(sensor, exposure_us), tmp_path, some, times, exposure_us)
+    logs = play(sensor, calibrate(sensor, exposure_us), tmp_path, some, TIMES, exposure_us)
     wrong = {
         case.name: (case.outcome, board, host)
         for case, (board, host) in zip(some, logs)

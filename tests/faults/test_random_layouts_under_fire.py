@@ -28,7 +28,7 @@ from spots_sim.strip.scenario import Scenario
 
 pytestmark = pytest.mark.board
 
-MINUTES = int(os.environ.get("SPOTS_FIRE_MINUTES", "10"))
+MINUTES = int(os.environ.get("SPOTS_FIRE_MINUTES", "4"))
 START_S, REST_S = 4.0, 3.0  # the last seconds of a minute are without fingers
 MINUTE_S = 60.0
 LATE_S = 0.06
@@ -75,19 +75,37 @@ def usages(action):
     return {(kind, action & 0xFFF)} | {(7, MODIFIERS_FROM + i) for i in range(8) if bits >> i & 1}
 
 
-def can_press(layout, share, length_mm):
-    """Return the usages that a finger at a share of the strip can press on any layer."""
-    off = OFF_MM / length_mm
-    found = set()
-    for name, keys in layout.layers.items():
-        near = [key for key in keys if key.low - off <= share < key.high + off]
-        slots = [action for key in near for action in key.actions.values()]
-        for slot in [*slots, *layout.swipes[name].values()]:
-            for action in causes(slot, layout.behaviours):
+class Reach:
+    """What fingers can press on any layer of a layout."""
+
+    def __init__(self, layout, length_mm):
+        self._layout = layout
+        self._keys = [
+            (key.low * length_mm, key.high * length_mm, self._caused(key.actions.values()))
+            for keys in layout.layers.values()
+            for key in keys
+        ]
+        self._swipes = self._caused(
+            slot for name in layout.layers for slot in layout.swipes[name].values()
+        )
+
+    def usages(self, low_mm, high_mm):
+        """Return the usages that a finger in a range of the strip can press."""
+        near = (
+            found
+            for begin_mm, end_mm, found in self._keys
+            if begin_mm - OFF_MM <= high_mm and low_mm < end_mm + OFF_MM
+        )
+        return self._swipes.union(*near)
+
+    def _caused(self, slots):
+        found = set()
+        for slot in slots:
+            for action in causes(slot, self._layout.behaviours):
                 found |= usages(action)
                 if action >> 20 == BEHAVIOUR:
-                    found.add(layout.behaviours[action & 0xFFF].numbers[0])
-    return found
+                    found.add(self._layout.behaviours[action & 0xFFF].numbers[0])
+        return found
 
 
 def waits_for_ever(layout):
@@ -176,13 +194,12 @@ def without_finger(presses, layout, fingers, length_mm):
     limits = dict(line.split()[:2] for line in layout.lines if len(line.split()) == 2)
     names = ("tapping_term_ms", "double_ms", "firm_ms", "swipe_ms")
     waits_s = max(int(limits[name]) for name in names) / 1000
-    found = []
+    found, reach = [], Reach(layout, length_mm)
     has_caps_word = any(one.numbers[0] == CAPS_WORD for one in layout.behaviours)
     for time_s, key in presses:
         allowed = set()
         for low_mm, high_mm in places(fingers, time_s, RELEASE_S + LATE_S + waits_s):
-            for x_mm in np.arange(low_mm, high_mm + 0.1, 1.0):
-                allowed |= can_press(layout, x_mm / length_mm, length_mm)
+            allowed |= reach.usages(low_mm, high_mm)
         if KEY_REPEAT in allowed:
             allowed |= {before for earlier_s, before in presses if earlier_s < time_s}
         if has_caps_word:
