@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import importlib.metadata
+import importlib.util
 import re
 import shlex
 import subprocess
@@ -24,6 +25,8 @@ PRESENT = [name for name in FILES if name != "CHANGELOG.md"]
 COMMANDS = [name for name in PRESENT if not name.startswith("examples/")]
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#([^)]+))?\)")
 NAMED = re.compile(r"`((?:host|firmware|tests|docs|boards|examples)/[a-z0-9_./-]+)`")
+DOTTED = re.compile(r"`(spots(?:_\w+)?(?:\.[a-z]\w*)+(?:\.\w+)*)")
+GROUPS = {"spots.commands", "spots.panels", "spots.ports"}  # of entry points
 COMMAND = re.compile(r"`(spots [a-z][^`]*)`")
 # Placeholders such as FILE, and optional parts such as [--json].
 PLACEHOLDER = re.compile(r"…|\.\.\.|\[|\||\b[A-Z]{2,}\b(?![a-z])")
@@ -87,6 +90,25 @@ def test_each_import_of_a_snippet_resolves(name):
             elif isinstance(node, ast.ImportFrom):
                 module = importlib.import_module(node.module)
                 assert [alias.name for alias in node.names if not hasattr(module, alias.name)] == []
+
+
+def resolves(dotted):
+    """Return whether a dotted name is a module, or something in one."""
+    module, *rest = dotted.split(".")
+    found = importlib.import_module(module)
+    for part in rest:
+        module = f"{module}.{part}"
+        if not hasattr(found, part) and not importlib.util.find_spec(module):
+            return False
+        found = getattr(found, part, None) or importlib.import_module(module)
+    return True
+
+
+@pytest.mark.parametrize("name", PRESENT)
+def test_each_dotted_name_of_ours_exists(name):
+    text = (ROOT / name).read_text(encoding="utf-8")
+    named = {*DOTTED.findall(text)} - GROUPS
+    assert [one for one in named if not resolves(one)] == []
 
 
 @pytest.mark.board
