@@ -243,6 +243,15 @@ def save(calibration: CalibrationFile, path: Path, before: CalibrationFile | Non
 def load(path: Path) -> CalibrationFile:
     """Read a calibration file and validate its content.
 
+    Parameters
+    ----------
+    path : Path
+        Name of the file.
+
+    Returns
+    -------
+    CalibrationFile
+
     Raises
     ------
     FileError

@@ -231,6 +231,10 @@ def load(name: str | Path) -> KeyLayout:
     name : str or Path
         Path of the file, or name of a layout in the package, such as ``mini``.
 
+    Returns
+    -------
+    KeyLayout
+
     Raises
     ------
     SpotsError

@@ -65,8 +65,10 @@ class Board(AbstractContextManager["Board"]):
 
     Raises
     ------
-    SettingError
+    PortError
         If no board answers, or the board has another protocol version than this program.
+    SettingError
+        If `link` is no link.
 
     Examples
     --------
@@ -236,7 +238,11 @@ class Board(AbstractContextManager["Board"]):
         Raises
         ------
         SettingError
-            If the line is invalid, the board refuses the command, or no reply arrives in time.
+            If the line is invalid.
+        BoardError
+            If the board refuses the command; its attribute ``why`` has the reason.
+        NoReplyError
+            If no reply arrives in time.
         """
         if not isinstance(line, str):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise SettingError(f"a command must be a text, not {line!r}")
@@ -263,7 +269,7 @@ class Board(AbstractContextManager["Board"]):
 
         Raises
         ------
-        SpotsError
+        BoardError
             If the board refuses one of the settings. Then no setting is changed.
 
         Examples
@@ -286,8 +292,10 @@ class Board(AbstractContextManager["Board"]):
 
         Raises
         ------
-        SpotsError
-            If the board refuses a kind or does not answer.
+        BoardError
+            If the board refuses a kind.
+        NoReplyError
+            If the board does not answer.
         """
         for sensor in self.sensors:
             self.command(of_sensor("stream " + " ".join(map(str, kinds)), sensor))

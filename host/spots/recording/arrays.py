@@ -167,14 +167,12 @@ class Arrays:
     So select the rows whose column ``known`` is true before you average positions. Rows are in the
     order of arrival. The first columns of the four arrays are the same:
 
-    ========== === =============================================================
-    time_s     f8  time of the measurement on the host's monotonic clock, in s;
-                   NaN if the clocks of board and host were never compared
-    arrived_s  f8  time of arrival on the same clock, in s, as in `Recording`
-    t_us       u4  board time in us, modulo 2**32
-    sequence   u2  number of the frame, modulo 2**16, as in `Touch`
-    sensor     u1  number of the sensor on the board
-    ========== === =============================================================
+    - ``time_s`` f8: time of the measurement on the host's monotonic clock, in s; NaN if the clocks
+      of board and host were never compared
+    - ``arrived_s`` f8: time of arrival on the same clock, in s, as in `Recording`
+    - ``t_us`` u4: board time in us, modulo ``2**32``
+    - ``sequence`` u2: number of the frame, modulo ``2**16``, as in `Touch`
+    - ``sensor`` u1: number of the sensor on the board
 
     Attributes
     ----------

@@ -86,9 +86,13 @@ def export(path: str | Path, kind: str, out: str | Path | None = None, warn=_qui
 
     Raises
     ------
+    FileError
+        If the recording cannot be read, or a new file already exists or cannot be written. On any
+        error, no file is written.
     SettingError
-        If the recording cannot be read, `out` ends like another format, the package mcap is
-        missing, or a new file already exists or cannot be written. Then no file is written.
+        If there is no such format, or `out` ends like another one.
+    RequirementError
+        If a package for the format is missing.
 
     Notes
     -----

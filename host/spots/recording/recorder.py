@@ -27,8 +27,10 @@ class Recorder(Writer):
 
     Raises
     ------
+    FileError
+        If the file exists or cannot be written.
     SettingError
-        If the file exists or cannot be written, or the board is a recording.
+        If the board is a recording.
     """
 
     def __init__(self, board: Board, path: str | Path, *, rotate_bytes: int | None = None):

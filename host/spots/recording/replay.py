@@ -123,9 +123,11 @@ def open_recording(path: str | Path, speed: float = 1.0) -> Board:
 
     Raises
     ------
+    FileError
+        If the file is not a recording or has a later format version, or if a later file is missing
+        although a file after it exists.
     SettingError
-        If the file is not a recording or has a later format version, if a later file is missing
-        although a file after it exists, or if `speed` is not more than 0.
+        If `speed` is not more than 0.
     """
     if not (isinstance(speed, (int, float)) and speed > 0):
         raise SettingError(f"the speed of a recording must be more than 0, not {speed!r}")
