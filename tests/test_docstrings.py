@@ -1,7 +1,7 @@
 """Docstrings of the public API describe all parameters and results of the signatures (numpydoc).
 
-Public is what a package exports, and what a document names. A docstring of something else has one
-line that says why it exists; its sections are only checked against its signature.
+Public is what a package exports, what a document names, and what these return. The docstring of any
+other function says in a sentence or two what its signature does not show: it has no sections.
 """
 
 from __future__ import annotations
@@ -24,10 +24,14 @@ DOCUMENTS = [
     *(ROOT / "docs").rglob("*.md"),
     *(ROOT / "examples").rglob("*.py"),
 ]
-NAME = re.compile(r"\bspots(?:_\w+)?(?:\.\w+)+")
+# After -m, a document names a command and not what is in its module.
+NAME = re.compile(r"(?<!-m )\bspots(?:_\w+)?(?:\.\w+)+")
 IMPORT = re.compile(r"^from (spots\S*) import ([\w, ]+)$", re.MULTILINE)
 SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}\n", re.MULTILINE)
 ITEM = re.compile(r"^(\*{0,2}[\w.]+(?:, \*{0,2}[\w.]+)*)(?: :|$)", re.MULTILINE)
+# Public functions return these: `open_keyboard`, `open_gamepad` and `kinematics.calibrate`.
+GIVEN = {f"spots.outputs.devices.{name}" for name in ("KeySink", "Keyboard", "Gamepad")}
+GIVEN |= {"spots_linkage.kinematics.Kinematics"}
 FUNCTION = (ast.FunctionDef, ast.AsyncFunctionDef)
 GIVING = (ast.Return, ast.Yield, ast.YieldFrom)
 
@@ -46,8 +50,17 @@ def public(body, prefix):
 def modules():
     """Yield (name, statements) of each module of the packages in `host`."""
     for path in sorted(HOST.rglob("*.py")):
-        name = ".".join(path.relative_to(HOST).with_suffix("").parts)
+        name = ".".join(path.relative_to(HOST).with_suffix("").parts).removesuffix(".__init__")
         yield name, ast.parse(path.read_text(encoding="utf-8")).body
+
+
+def every(node, prefix):
+    """Yield (full name, node) of each function below a node: also of private and nested ones."""
+    for child in ast.iter_child_nodes(node):
+        name = f"{prefix}.{child.name}" if isinstance(child, (*FUNCTION, ast.ClassDef)) else prefix
+        if isinstance(child, FUNCTION):
+            yield name, child
+        yield from every(child, name)
 
 
 def documented():
@@ -138,6 +151,15 @@ def checked(functions):
 def test_each_function_documents_all_of_its_parameters_and_what_it_returns(checked):
     lacks = {name: list(missing(*of)) for name, of in checked.items()}
     assert not {name: what for name, what in lacks.items() if what}
+
+
+def test_what_is_not_public_says_why_in_a_sentence_and_has_no_sections(functions):
+    api = documented() | GIVEN
+    shown = {name for name in functions if {name, name.rpartition(".")[0]} & api}
+    found = (one for name, body in modules() for one in every(ast.Module(body, []), name))
+    assert not [
+        name for name, node in found if name not in shown and sections(ast.get_docstring(node))
+    ]
 
 
 def test_the_public_api_is_checked(checked):

@@ -55,26 +55,10 @@ class Watcher(Protocol):
     """Observer of the readings and gamepad states of `play`."""
 
     def read(self, touch: Touch, state: State) -> None:
-        """Handle a reading.
-
-        Parameters
-        ----------
-        touch : Touch
-            The reading.
-        state : State
-            State that the controller computed from this reading.
-        """
+        """Handle a reading, and the state that the controller computed from it."""
 
     def sent(self, state: State, now_s: float) -> None:
-        """Handle a state just before it is sent to the gamepad.
-
-        Parameters
-        ----------
-        state : State
-            State that the gamepad gets.
-        now_s : float
-            Present time in seconds, from `Board.now_s`.
-        """
+        """Handle a state just before it is sent to the gamepad, at a time of `Board.now_s`."""
 
 
 def play(

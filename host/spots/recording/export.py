@@ -125,21 +125,7 @@ class Files(ExitStack):
         self._files: dict[Path, IO] = {}
 
     def new(self, path: Path, kind: str = "b", **options) -> IO:
-        """Open a new file.
-
-        Parameters
-        ----------
-        path : Path
-            Its name; there must be no such file.
-        kind : {"b", "t"}
-            Whether it has bytes or text.
-        **options
-            Options of `open`.
-
-        Returns
-        -------
-        file
-        """
+        """Open a new file, with bytes or text (``b`` or ``t``); the options are those of `open`."""
         file = self.enter_context(replacing(path, None, kind, **options))
         self._files[path] = file
         return file

@@ -48,23 +48,9 @@ _MINUTES = number("a number of minutes", 1, 10_000)
 
 
 def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dict:
-    """Type random digits while the LED warms up, and count the errors.
+    """Type random digits while the LED warms up, and count the errors; see `type_on_board`.
 
-    Parameters
-    ----------
-    sensor : SensorFile
-        Simulated sensor, with its change since the calibration.
-    minutes : float
-        Duration in simulated minutes.
-    seed : int
-        Random seed of text, touches and noise.
-    rezeroed : bool
-        Whether the calibration was corrected (re-zero) with a warm LED before the run.
-
-    Returns
-    -------
-    dict
-        Results of the run, see `demo_applications.type_on_board`.
+    With `rezeroed`, the calibration was corrected with a warm LED before the run.
     """
     rng = np.random.default_rng(seed)
     with Rig(sensor, seed, 10_000, 1) as rig:
@@ -84,25 +70,9 @@ def joint(
 ) -> list[dict]:
     """Measure errors of a joint's angle while the LED warms up; correct the drift one time.
 
-    Parameters
-    ----------
-    sensor : SensorFile
-        Simulated sensor, with its change since the calibration.
-    minutes : float
-        Duration in simulated minutes.
-    seed : int
-        Random seed of the noise.
-    average : int
-        Samples of 10 ms in a reading.
-    warm_min : int
-        Minutes from switching on to the correction of the drift (re-zero).
-
-    Returns
-    -------
-    list of dict
-        One dict for each minute, measured in the middle of this minute. ``minute``: its number,
-        from 1. ``rezeroed``: whether the drift was corrected before. ``accuracy_deg``: mean
-        absolute error of single readings, in degrees.
+    The drift is corrected `warm_min` after switching on. A reading has `average` samples of 10 ms.
+    Each dict is for a minute, measured in its middle: ``rezeroed`` is whether the drift was
+    corrected before, ``accuracy_deg`` the mean absolute error of single readings.
     """
     with Rig(sensor, seed, 10_000, average) as rig:
         conditions, lines = rig.conditions, rig.lines

@@ -48,38 +48,11 @@ def typed(
 ) -> dict:
     """Type random keys on a virtual board in simulated time, and return the results.
 
-    Parameters
-    ----------
-    who : float or str
-        Speed in words a minute; a word has five keys. `PEOPLE` for the person number `seed` modulo
-        10 at the own speed, see `typist.fast_typing`; `TWO_FINGERS` for pairs of fingers, see
-        `typist.two_fingers`.
-    touches : int
-        Number of touches.
-    seed : int
-        Random seed of the text, the touches and the noise.
-    sensor : str, optional
-        Sensor file: a path, or a name such as ``default``.
-    rezeroed : bool, optional
-        The sensor file may describe a change of the strip since its calibration (`change`). True
-        if the calibration was corrected after this change with a few presses (re-zero). Ignored if
-        `lines` is given.
-    warm : bool, optional
-        Whether the LED is warm at the start.
-    lines : tuple of str, optional
-        Text lines of the calibration to use; by default, the sensor is calibrated.
-    layout : str, optional
-        Key layout: a path, or a name such as ``mini``.
-    hands : str, optional
-        Name of the hands in `hands.HANDS`; pairs of fingers always have the usual ones.
-    world : dict, optional
-        Other attributes of the scenario (`files.ScenarioFile`), such as ``bend_deg``.
-
-    Returns
-    -------
-    dict
-        Results of the run, see `demo_applications.type_on_board`. Also ``late_ms``: the latency of
-        each correct press, in ms.
+    `who` is a speed in words a minute, of five keys each; `PEOPLE` for the person number `seed`
+    modulo 10 at the own speed, see `typist.fast_typing`; or `TWO_FINGERS` for pairs of fingers,
+    which always have the usual hands. `rezeroed`, `warm` and `lines` are those of `demo.open_fast`.
+    `world` has other attributes of `files.ScenarioFile`, such as ``bend_deg``. The results are
+    those of `demo_applications.type_on_board`; ``late_ms`` is the latency of each correct press.
     """
     what = load_layout(layout), touches, load(SensorFile, sensor).length_mm, seed
     file = two_fingers(*what) if who == TWO_FINGERS else _file(who, *what, hands)
@@ -101,18 +74,8 @@ def _file(who, layout, touches, length_mm, seed, hands) -> ScenarioFile:
 def interval_percent(count: int, total: int) -> tuple[float, float]:
     """Return the 95 % confidence interval of a share, in per cent, by Wilson's method.
 
-    Parameters
-    ----------
-    count : int
-        Number of events, such as errors.
-    total : int
-        Number of trials; more than 0.
-
-    Returns
-    -------
-    low, high : float
-        Limits in per cent. With 0 events, the upper limit is about 380 / `total`. Source: E. B.
-        Wilson, J. Am. Stat. Assoc. 22, 209 (1927), doi 10.1080/01621459.1927.10502953.
+    With 0 events, the upper limit is about 380 / `total`. Source: E. B. Wilson, J. Am. Stat. Assoc.
+    22, 209 (1927), doi 10.1080/01621459.1927.10502953.
     """
     share, z2 = count / total, _SURE**2 / total
     middle = (share + z2 / 2) / (1 + z2)
@@ -121,23 +84,13 @@ def interval_percent(count: int, total: int) -> tuple[float, float]:
 
 
 def added(runs: list[dict]) -> dict:
-    """Return the sums of the counts of several runs, and their latencies.
+    """Return the sums of the counts of several runs of `typed`, and their latencies.
 
-    Parameters
-    ----------
-    runs : list of dict
-        Results of at least one run, as `typed` returns them.
-
-    Returns
-    -------
-    dict
-        Counts as in `typing_score.TypingScore.summary`. ``error_percent`` is the number of wrong,
-        missed and extra keys per hundred touches. ``error_interval_percent`` and
-        ``no_finger_interval_percent``: the 95 % confidence intervals of the errors and of the keys
-        that no finger touched, see `interval_percent`. Each of the following has the latency
-        percentiles ``p50`` and ``p99`` in ms. ``latency_ms``: the largest of the runs' percentiles.
-        ``median_latency_ms``: the median of the runs' percentiles. ``pooled_latency_ms``: the
-        percentile over all presses of all runs.
+    ``error_percent`` is the number of wrong, missed and extra keys per hundred touches.
+    ``error_interval_percent`` and ``no_finger_interval_percent`` are the 95 % confidence intervals
+    of the errors and of the keys that no finger touched. ``latency_ms`` is the largest of the runs'
+    percentiles, ``median_latency_ms`` their median, ``pooled_latency_ms`` the percentile over all
+    presses of all runs.
     """
     total = {name: sum(run[name] for run in runs) for name in _COUNTS}
     off = total["wrong"] + total["missed"] + total["extra"]
