@@ -22,7 +22,7 @@ import numpy as np
 from spots.calibrate.fit.presses import FULL_MN
 from spots.common import atomic
 from spots.errors import SettingError, printable
-from spots_device.board.settings import DEFAULT_PLAN
+from spots_device.board.settings import DEFAULT_CHANNELS
 from spots_device.reading.decode import AVERAGE_MAX
 from spots_device.sensor.exposure import (
     AGAIN,
@@ -151,7 +151,7 @@ def _predicted(sensor: SensorFile, exposure_us: int, average: int) -> Design | N
     setting = _searched(sensor, exposure_us)
     if setting is None:
         return None
-    bound = Bound(sensor, DEFAULT_PLAN, *setting, average)
+    bound = Bound(sensor, DEFAULT_CHANNELS, *setting, average)
     gain, _, led_mA = setting
     if bound.counts(1000 * sensor.length_mm, FORCE_MN).min() < _COUNTS_MIN:
         return None
@@ -171,7 +171,7 @@ def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | No
     outcome = AGAIN
     while outcome == AGAIN and search.exposure_us == exposure_us:
         setting = search.gain, exposure_us, search.led_mA
-        peak = round(Bound(sensor, DEFAULT_PLAN, *setting).counts(NEAR_UM, FULL_MN).max())
+        peak = round(Bound(sensor, DEFAULT_CHANNELS, *setting).counts(NEAR_UM, FULL_MN).max())
         outcome = search.step(min(peak, full), full, peak >= full)
     # If the search would lengthen the exposure, gain and current are at their maximum.
     return setting if outcome in (DONE, AGAIN) else None

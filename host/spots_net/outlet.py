@@ -127,7 +127,7 @@ def row(frame: Reading, time_s: float, arrived_s: float, channels: list[str]) ->
 
 def plans(board: Board) -> list[list[str]]:
     """Return the names of the channels of the six ADCs, for each sensor of a board."""
-    return [board.command(of_sensor("hello", i))["plan"] for i in board.sensors]
+    return [board.command(of_sensor("hello", i))["channels"] for i in board.sensors]
 
 
 def kind_of(frame: Reading) -> str:

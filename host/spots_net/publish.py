@@ -145,4 +145,4 @@ def _strip(board: Board, sensor: int, name: str) -> Strip:
     info = board.command(of_sensor("hello", sensor))
     dark = board.command(of_sensor("get", sensor)).get("dark")
     exposure_us = info["exposure_us"]
-    return Strip(frame_id(name, sensor), info["plan"], exposure_us, dark or UNKNOWN_DARK)
+    return Strip(frame_id(name, sensor), info["channels"], exposure_us, dark or UNKNOWN_DARK)

@@ -275,7 +275,7 @@ def _settings(board: Board | OneStrip) -> dict:
 # Values of ``hello`` that the web UI shows: of the chosen strip, and of every strip.
 _FACTS = (
     *("id", "board", "runtime", "firmware", "calibration", "length_um", "relative_force"),
-    *("plan", "gain", "exposure_us", "led_mA", "led", "average", "strain_ppm"),
+    *("channels", "gain", "exposure_us", "led_mA", "led", "average", "strain_ppm"),
 )
 _FACTS_OF_STRIP = "id", "calibration", "length_um", "relative_force"
 

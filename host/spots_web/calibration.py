@@ -163,7 +163,7 @@ class PageCalibration(RequestQueue):
             board.command("set " + settings(made))
         with SpectrumReader(board) as reader:
             bench = Bench(reader, Presser(self), self, 1000 * start.length_mm, self._out)
-            options = Namespace(plan=None, keep_settings=False)
+            options = Namespace(channels=None, keep_settings=False)
             taken, usual = len(self._session.of("hand")), COUNTS[start.kind][0]
             count = usual if taken < usual else taken + _MORE
             calibrate(bench, self._session, start.kind, count, None, options)

@@ -17,7 +17,7 @@ class PagePractice(PageCalibration):
     def __init__(self, options: Namespace, state: PageState):
         self._folder = TemporaryDirectory()
         super().__init__(Path(self._folder.name) / "practice.jsonl", state)
-        self._options = Namespace(**{**vars(options), "plan": None, "keep_settings": False})
+        self._options = Namespace(**{**vars(options), "channels": None, "keep_settings": False})
         self._show(practice=True, ruler=None)
 
     @property

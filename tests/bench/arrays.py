@@ -21,7 +21,7 @@ _HEADER = Header(
     part=0,
     host_s=0.0,
     utc_s=0.0,
-    info={"protocol": PROTOCOL, "board": "bench", "runtime": "cpython", "plan": []},
+    info={"protocol": PROTOCOL, "board": "bench", "runtime": "cpython", "channels": []},
     clock=Clock(last_us=0, low_s=0.0, high_s=0.0),
 )
 

@@ -90,7 +90,7 @@ def _ours(sensor: SensorFile, exposure_us: int) -> dict:
         figures = _figures(
             link.bus, before, _after(touches, _OUR_READINGS, link.bus), _OUR_READINGS
         )
-        figures["channels"] = len(board.info["plan"])
+        figures["channels"] = len(board.info["channels"])
         figures["missed_samples"] = board.command("get")["missed"]
     return figures
 

@@ -27,7 +27,7 @@ from spots_device.reading.decode import HEAD_SIZE, TIME_HIGH, TIME_LOW
 _READINGS = 5000
 _ROUNDS = 5
 _RATES_HZ = (100, 360, 1000)
-_INFO = {"protocol": PROTOCOL, "board": "bench", "runtime": "cpython", "plan": []}
+_INFO = {"protocol": PROTOCOL, "board": "bench", "runtime": "cpython", "channels": []}
 _CLOCK = {"last_us": 0, "low_s": 0.0, "high_s": 0.0}
 
 

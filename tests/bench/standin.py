@@ -90,7 +90,8 @@ class StandIn:
             return {"re": name, "stream": list(words)}
         hello = {"protocol": PROTOCOL, "board": "stand-in", "runtime": "none", "id": self._id}
         replies = {
-            "hello": hello | {"plan": ["F3", "F4", "F5", "F6", "F7", "F8"], "exposure_us": 10_000},
+            "hello": hello
+            | {"channels": ["F3", "F4", "F5", "F6", "F7", "F8"], "exposure_us": 10_000},
             "get": {"gain": 9},
             "sync": {"t_us": self._port.t_us, "stream": self._streams},
         }

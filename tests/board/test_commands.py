@@ -24,7 +24,7 @@ def test_hello_tells_who_it_is(rig):
     assert info["protocol"] == 2
     assert info["board"] == "virtual"
     assert info["runtime"].startswith("micropython 1.")
-    assert info["plan"] == ["F3", "F4", "F5", "F6", "F7", "F8"]
+    assert info["channels"] == ["F3", "F4", "F5", "F6", "F7", "F8"]
     assert (info["exposure_us"], info["gain"], info["led_mA"]) == (10_000, 9, 20)
     assert info["calibration"] is None
 
@@ -102,7 +102,7 @@ def test_a_reply_may_take_some_seconds(sensor):
         ("set gain=99", "bad_value"),
         ("set gain=x", "bad_value"),
         ("set gain=3 colour=red", "bad_value"),
-        ("set plan=F1,F1,F2,F3,F4,F5", "bad_value"),
+        ("set channels=F1,F1,F2,F3,F4,F5", "bad_value"),
         ("stream", "bad_value"),
         ("stream touch off", "bad_value"),
         ("stream sideways", "bad_value"),
@@ -146,7 +146,9 @@ def test_lines_in_one_piece_get_one_reply_each(rig):
 
 def test_settings_take_effect_on_the_sensor(rig):
     made = rig()
-    reply = made.board.command("set exposure_us=2780 gain=5 led_mA=50 plan=F1,F2,F3,F4,CLEAR,NIR")
+    reply = made.board.command(
+        "set exposure_us=2780 gain=5 led_mA=50 channels=F1,F2,F3,F4,CLEAR,NIR"
+    )
     assert reply["exposure_us"] == 2780
     made.press(5.0, 5000.0)
     frames = made.spectra(100)

@@ -321,7 +321,7 @@ def test_a_channel_that_is_dead_or_full_is_named(channel, calibrated, counts, mo
         monkeypatch.setattr(AS7341, "_convert", stuck)
         stage.press(NEAR_UM, 8_000)
         found = [f for f in examine_board(stage.board) if f.check == "channels"]
-    name = stage.board.info["plan"][channel]
+    name = stage.board.info["channels"][channel]
     assert [finding.ok for finding in found] == [False]
     assert f"channel {name} (ADC {channel})" in found[0].text
     assert ("no light" if counts == 0 else "full scale") in found[0].text

@@ -155,7 +155,7 @@ def test_an_overflow_is_counted_and_the_fifo_is_used_again(stalled, stall_us, ov
 def test_the_samples_of_a_board_that_misses_most_are_whole_and_their_times_right(stalled):
     made = stalled(busy_us=6_000.0, clock_error_percent=1.0)
     ends_us, complete = {}, made.chip._complete
-    offset = 50 * DIODES.index(made.get()["plan"][0])
+    offset = 50 * DIODES.index(made.get()["channels"][0])
 
     def record(end_us):
         ends_us[made.chip._light.samples % AROUND + offset] = end_us

@@ -384,7 +384,7 @@ class Patient:
         self.info = {"board": "pico", "runtime": "micropython", "id": "1", "firmware": firmware}
         self._state = {"fault": fault, "exposure_us": 10_000, "full_scale": 1000, "dark": [0] * 6}
         self._state |= {"average": average, "led_mA": led_mA, "led": "ldr", "missed": 0}
-        self._state |= {"mains_hz": 0, "keys": 0, "plan": ["F3", "F4", "F5", "F6", "F7", "F8"]}
+        self._state |= {"mains_hz": 0, "keys": 0, "channels": ["F3", "F4", "F5", "F6", "F7", "F8"]}
         self._spectra = [
             spots.Spectrum(0, i, i * step * 1000, 0, 9, counts, 100.0)
             for i in range(12)

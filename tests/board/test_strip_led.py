@@ -137,7 +137,7 @@ def test_a_dark_frame_of_other_settings_is_not_used(rig):
     made = lit(rig, "always")
     made.board.command(f"set gain={gain} exposure_us={exposure_us}")
     plan = next(line for line in calibration if line.startswith("plan")).split()[1:]
-    made.board.command("set plan=" + ",".join(plan))
+    made.board.command("set channels=" + ",".join(plan))
     unplugged_dark(made)
     upload(made.board, list(calibration))
     assert not made.readings(5)[-1].flags & NOT_CALIBRATED

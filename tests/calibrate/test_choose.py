@@ -42,7 +42,7 @@ def measure(sensor, present, last_share=1.0):
     with Stage(sensor, seed=5) as stage:
         places_um = np.linspace(0, stage.length_um, 9)
         for plan, end in zip(plans, (1.0, last_share)):
-            stage.board.command("set plan=" + ",".join(plan))
+            stage.board.command("set channels=" + ",".join(plan))
             stage.reader.set_up()
             parts = [stage.read([2000.0], [FULL_MN], 24)]
             for x_um, share in zip(places_um, np.linspace(1, end, len(places_um))):

@@ -16,7 +16,7 @@ from spots_sim.person.stage_presser import StagePresser
 
 pytestmark = pytest.mark.board
 
-OPTIONS = argparse.Namespace(plan="F3,F4,F5,F6,F7,F8", keep_settings=True)
+OPTIONS = argparse.Namespace(channels="F3,F4,F5,F6,F7,F8", keep_settings=True)
 
 
 class Recorded:
@@ -102,7 +102,7 @@ def test_a_release_that_does_not_come_can_be_ended(sensor, tmp_path):
 
 def test_a_session_blocks_on_an_answer_from_another_thread(sensor, tmp_path):
     dialog, found = Recorded(), []
-    options = argparse.Namespace(plan="F3,F4,F5,F6,F7,F8", keep_settings=True)
+    options = argparse.Namespace(channels="F3,F4,F5,F6,F7,F8", keep_settings=True)
 
     def session():
         with Stage(sensor, seed=2) as stage:

@@ -71,7 +71,7 @@ def by_stage(stage, path):
 
 def _session(stage, presser, shown, path, kinds):
     bench = Bench(stage.reader, presser, shown, stage.length_um, path.with_suffix(".toml"))
-    options = argparse.Namespace(plan=PLAN, keep_settings=False)
+    options = argparse.Namespace(channels=PLAN, keep_settings=False)
     for kind in kinds:
         steps.calibrate(bench, Session(path), kind, steps.COUNTS[kind][0], None, options)
 

@@ -236,7 +236,7 @@ def test_a_force_that_is_impossible_in_both_units_is_answered_with_the_limits():
 
 def test_a_strip_that_no_force_lights_ends_the_session(sensor, tmp_path):
     shown = Guide(Console(file=io.StringIO(), width=200))
-    options = argparse.Namespace(plan=PLAN, keep_settings=True)
+    options = argparse.Namespace(channels=PLAN, keep_settings=True)
     with Stage(sensor, seed=3) as stage:
         presser = StagePresser(stage)
         presser.press = lambda wanted: None

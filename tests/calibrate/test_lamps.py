@@ -38,7 +38,7 @@ from spots_sim.strip.files import (
 )
 from spots_sim.strip.scenario import Held, Press
 
-SETTINGS = "exposure_us", "average", "gain", "led_mA", "led", "mains_hz", "plan"
+SETTINGS = "exposure_us", "average", "gain", "led_mA", "led", "mains_hz", "channels"
 
 
 def lit(irradiance_uW_cm2, flicker_hz, clock_error_percent, percent=100.0, sensor="default"):
@@ -264,7 +264,7 @@ def test_a_session_begins_with_the_lamps_unless_they_were_set(
         stage.board.command(f"set mains_hz={mains_hz} exposure_us=10000")
         stage.reader.set_up()
         bench = Bench(stage.reader, Stops(stage), guide, stage.length_um, tmp_path / "a.toml")
-        options = argparse.Namespace(plan=None, keep_settings=False)
+        options = argparse.Namespace(channels=None, keep_settings=False)
         with pytest.raises(SpotsError, match="ends here"):
             steps.calibrate(bench, Session(tmp_path / "a.jsonl"), "position", 17, None, options)
         exposure_us = 8333 if becomes == 60 else 10_000

@@ -51,7 +51,7 @@ EXPOSURE_US = 30_000
 def full(sensor, tmp_path_factory):
     """Path of the session file of a complete calibration; the calibration file is beside it."""
     path = tmp_path_factory.mktemp("made") / "strip.jsonl"
-    options = argparse.Namespace(plan=PLAN, keep_settings=False)
+    options = argparse.Namespace(channels=PLAN, keep_settings=False)
     with Stage(sensor, settings=f"exposure_us={EXPOSURE_US}") as stage:
         guide = Guide(Console(file=io.StringIO()))
         out = path.with_suffix(".toml")
@@ -169,7 +169,7 @@ def test_a_step_after_a_re_zero_keeps_it(full, made, sensor, tmp_path, kind):
     out = path.with_suffix(".toml")
     path.write_bytes(full.read_bytes())
     file.save(made, out, None)
-    options = argparse.Namespace(plan=None, keep_settings=True)
+    options = argparse.Namespace(channels=None, keep_settings=True)
     with Drifted(sensor, made, out) as strip:
         rezeroed = rezero(strip.bench, made, presses=3)
         use(strip.bench, made, rezeroed)

@@ -355,7 +355,15 @@ def test_a_step_of_another_session_carries_the_joint_over(full, tmp_path, capsys
 @pytest.mark.board
 def test_a_killed_session_goes_on_where_it_was(tmp_path):
     path = tmp_path / "killed.jsonl"
-    words = ["position", "--plan", "F3,F4,F5,F6,F7,F8", "--places", "40", "--session", str(path)]
+    words = [
+        "position",
+        "--channels",
+        "F3,F4,F5,F6,F7,F8",
+        "--places",
+        "40",
+        "--session",
+        str(path),
+    ]
     process = subprocess.Popen(
         [sys.executable, "-m", "spots", "calibrate", *words, "--port", "virtual"],
         stdout=subprocess.DEVNULL,
@@ -457,7 +465,7 @@ def refused(capsys, *words):
 @pytest.mark.board
 def test_one_kind_alone_says_which_comes_next(tmp_path, capsys):
     path = tmp_path / "a.jsonl"
-    words = ["--session", path, "--keep-settings", "--plan", "F3,F4,F5,F6,F7,F8"]
+    words = ["--session", path, "--keep-settings", "--channels", "F3,F4,F5,F6,F7,F8"]
     assert run("force", *words) == 0
     assert f"next: 'spots calibrate position --session {path}'" in capsys.readouterr().out
     assert not path.with_suffix(".toml").exists()
@@ -476,7 +484,7 @@ def test_one_kind_alone_says_which_comes_next(tmp_path, capsys):
         (["position", "--places", 0], "must be from 12 to 1000 for 'position'"),
         (["strain", "--strain-percent", 10], "calibrate position and force before strain"),
         (["joint"], "there is no file"),
-        (["position", "--plan", "F1,F2"], "six different diodes"),
+        (["position", "--channels", "F1,F2"], "six different diodes"),
         (["position", "--sensor", "nosuch"], "cannot read the sensor file"),
     ],
 )
@@ -507,7 +515,7 @@ def test_a_session_of_another_board_or_setting_is_refused(full, sensor, tmp_path
     for name, value, says in (
         ("board", "0123", f"belongs to board {made.board}, but this is board 0123"),
         ("plan", ("F1", *made.plan[1:]), "made at other settings: restore them with 'spots com"),
-        ("gain", 4, "set plan=F3,F4,F5,F6,F7,F8 gain=9"),
+        ("gain", 4, "set channels=F3,F4,F5,F6,F7,F8 gain=9"),
         ("exposure_us", 20_000, "exposure_us=10000"),
     ):
         with pytest.raises(SpotsError, match=re.escape(says)):
@@ -518,7 +526,7 @@ def test_a_session_of_another_board_or_setting_is_refused(full, sensor, tmp_path
     other.write_text(text.replace("length_mm = 85.0", "length_mm = 60.0"))
     said = refused(capsys, "position", "--session", full.session, "--sensor", other)
     assert "belongs to board" in said
-    plan = refused(capsys, "position", "--session", full.session, "--plan", "F1,F2,F3,F4,F5,F6")
+    plan = refused(capsys, "position", "--session", full.session, "--channels", "F1,F2,F3,F4,F5,F6")
     assert "was made with channels F3,F4,F5,F6,F7,F8" in plan
     assert full.session.read_bytes() == before
 
@@ -592,7 +600,9 @@ MISTAKES = [
 
 def session_of(stage, presser, path, guide, kind="position", **options):
     bench = Bench(stage.reader, presser, guide, stage.length_um, path.with_suffix(".toml"))
-    options = argparse.Namespace(**{"plan": "F3,F4,F5,F6,F7,F8", "keep_settings": True, **options})
+    options = argparse.Namespace(
+        **{"channels": "F3,F4,F5,F6,F7,F8", "keep_settings": True, **options}
+    )
     count = {"position": 17, "force": 16, "joint": 5}[kind]
     steps.calibrate(bench, Session(path), kind, count, None, options)
 
@@ -681,7 +691,7 @@ def test_a_calibration_of_something_else_is_refused_and_the_board_keeps_its_own(
         for name, value, says in (
             ("board ", "board 0123", "made on board 0123"),
             ("made ", "made 8 10000 20", "made at gain=8"),
-            ("plan ", "plan F1 F4 F5 F6 F7 F8", "made with plan=F1"),
+            ("plan ", "plan F1 F4 F5 F6 F7 F8", "made with channels=F1"),
         ):
             lines = [value if line.startswith(name) else line for line in touched.made.lines]
             foreign = msgspec.structs.replace(touched.made, lines=tuple(lines))

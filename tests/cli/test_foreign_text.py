@@ -129,7 +129,7 @@ class Evil(Plug):
             body = body if isinstance(body, dict) else json.loads(body)
             if body.get("re") == "hello":
                 body |= dict.fromkeys(("board", "runtime", "firmware", "id", "layout"), EVIL)
-                body["plan"][0] = EVIL
+                body["channels"][0] = EVIL
             elif body.get("re") == "get":
                 body |= {"fault": self.fault and EVIL, "exposure_us": 1000}
             elif body.get("re") == "dark":
@@ -405,10 +405,10 @@ def test_what_a_guide_says(screen):
 
 
 PICTURES = {
-    "monitor": lambda: StripView({"board": EVIL, "runtime": EVIL, "plan": [EVIL]}, EVIL).picture(
-        LinkStats()
-    ),
-    "channels": lambda: StripView({"board": "b", "runtime": "r", "plan": [EVIL]}, "p").picture(
+    "monitor": lambda: StripView(
+        {"board": EVIL, "runtime": EVIL, "channels": [EVIL]}, EVIL
+    ).picture(LinkStats()),
+    "channels": lambda: StripView({"board": "b", "runtime": "r", "channels": [EVIL]}, "p").picture(
         LinkStats()
     ),
     "controller": lambda: stick.picture(REST, title=EVIL),

@@ -102,7 +102,7 @@ def test_the_commands_of_a_board_are_listed_in_full(capsys):
     table = Commands._TABLE
     listed = text.partition("commands of the board:")[2].partition("\n\n")[0]
     assert set(table) <= set(re.findall(r"\w+", listed))
-    assert {*LIMITS, "plan"} <= set(re.findall(r"\w+", listed))
+    assert {*LIMITS, "channels"} <= set(re.findall(r"\w+", listed))
 
 
 @pytest.mark.board

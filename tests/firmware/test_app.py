@@ -268,7 +268,7 @@ def test_a_line_is_executed_whole_or_refused_whole(length):
 
 def with_longest_settings(app):
     app.settings.values.update({name: limits[1] for name, limits in LIMITS.items()})
-    app.settings.values["plan"] = ("CLEAR", "DARK", "NIR", "F1", "F2", "F3")
+    app.settings.values["channels"] = ("CLEAR", "DARK", "NIR", "F1", "F2", "F3")
     app.settings.values["led"] = "always"
     return app
 

@@ -116,7 +116,7 @@ def test_every_accepted_number_is_a_small_int(calibration):
     ("board", "plan", "gain", "exposure_us", "led_mA", "says"),
     [
         ("11", GOOD[1], 9, 10000, 20, "board"),
-        ("00ff", "plan F2 F4 F5 F6 F7 F8", 9, 10000, 20, "plan=F3"),
+        ("00ff", "plan F2 F4 F5 F6 F7 F8", 9, 10000, 20, "channels=F3"),
         ("00ff", GOOD[1], 8, 10000, 20, "gain=9"),
         ("00ff", GOOD[1], 9, 10000, 30, "led_mA=20"),
     ],

@@ -37,11 +37,11 @@ def test_the_exposure_becomes_what_the_chip_can_do():
         ("average=65", "1 to 64"),
         ("led_mA=101", "0 to 100"),
         ("led_mA=3", "4 to 100"),
-        ("plan=F1,F2", "six different"),
-        ("plan=F1,F2,F3,F4,F5,F9", "F9"),
+        ("channels=F1,F2", "six different"),
+        ("channels=F1,F2,F3,F4,F5,F9", "F9"),
         (
             "colour=red",
-            "use one of average, .*led_mA, mains_hz, strain_ppm, watchdog, led, plan",
+            "use one of average, .*led_mA, mains_hz, strain_ppm, watchdog, led, channels",
         ),
         ("", "use one of"),
         ("led=torch", "ldr, gpio, always"),
@@ -96,9 +96,9 @@ def test_a_dark_frame_belongs_to_its_channels_and_is_saved():
     again = made()
     again.change(fresh.lines())
     assert again.values == fresh.values
-    again.change(["plan=F3,F4,F5,F6,F7,F8"])
+    again.change(["channels=F3,F4,F5,F6,F7,F8"])
     assert again.values["dark"]
-    again.change(["plan=F1,F4,F5,F6,F7,F8"])
+    again.change(["channels=F1,F4,F5,F6,F7,F8"])
     assert again.values["dark"] == []
 
 
@@ -106,6 +106,7 @@ def test_a_setting_of_earlier_firmware_is_answered_and_a_saved_one_ignored():
     fresh = made()
     with pytest.raises(ValueError, match=r"'baseline' is no longer a setting: .*; leave it out"):
         fresh.change(["gain=5", "baseline=1"])
-    fresh.restore(["gain=5", "baseline=1"])
+    fresh.restore(["gain=5", "baseline=1", "plan=F1,F2,F3,F4,F5,F6"])
     assert fresh.values["gain"] == 5
+    assert fresh.values["channels"] == ("F1", "F2", "F3", "F4", "F5", "F6")
     assert "baseline" not in fresh.values

@@ -508,12 +508,12 @@ def test_the_repr_has_name_port_state_and_rate(strip):
 def test_what_was_set_is_in_the_info(strip):
     link, board = strip
     link.replies["set"] = {"exposure_us": 20_000, "average": 2}
-    assert board.set(exposure_us=20_000, plan=["F3", "F4"])["average"] == 2
-    assert link.lines[-1] == "set exposure_us=20000 plan=F3,F4"
+    assert board.set(exposure_us=20_000, channels=["F3", "F4"])["average"] == 2
+    assert link.lines[-1] == "set exposure_us=20000 channels=F3,F4"
     board.set(exposure_us=np.int64(10_000))
     assert link.lines[-1] == "set exposure_us=10000"
-    board.set(exposure_us="20000", led="ldr", plan="F3,F4")
-    assert link.lines[-1] == "set exposure_us=20000 led=ldr plan=F3,F4"
+    board.set(exposure_us="20000", led="ldr", channels="F3,F4")
+    assert link.lines[-1] == "set exposure_us=20000 led=ldr channels=F3,F4"
     assert (board.info["exposure_us"], board.info["average"]) == (20_000, 2)
     assert (board.info["board"], board.info["re"]) == ("pico", "hello")
 

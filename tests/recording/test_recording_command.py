@@ -138,7 +138,7 @@ def test_a_calibration_file_has_to_be_that_of_the_board(fast, tmp_path, capsys):
 @pytest.mark.board
 def test_the_calibration_is_recorded_where_a_file_has_it(fast, calibration, tmp_path, capsys):
     fast.calibration = None
-    made = Conditions(fast.info["id"], tuple(fast.info["plan"]), 9, 10_000, 20)
+    made = Conditions(fast.info["id"], tuple(fast.info["channels"]), 9, 10_000, 20)
     lines = tuple(calibration)
     mine = file.CalibrationFile(date=file.now(), **made._asdict(), lines=lines)
     file.save(mine, tmp_path / "mine.toml", None)

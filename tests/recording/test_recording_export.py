@@ -188,14 +188,22 @@ def recorded(tmp_path, info, *contents):
 
 
 CHANNELS = {
-    "named": ({"plan": PLAN}, [(0, {"re": "set", "gain": 3})], PLAN),
-    "refused": ({"plan": PLAN}, [(0, {"re": "set", "error": "no"})], PLAN),
-    "changed": ({"plan": PLAN}, [(0, {"re": "set", "plan": PLAN[::-1]})], None),
-    "strips": ({"plan": PLAN, "strips": [{"plan": PLAN}, {"plan": PLAN[::-1]}]}, [], None),
-    "the same": ({"plan": PLAN, "strips": [{"plan": PLAN}] * 2}, [], PLAN),
-    "twice": ({"plan": [*PLAN[:5], "F3"]}, [], None),
+    "named": ({"channels": PLAN}, [(0, {"re": "set", "gain": 3})], PLAN),
+    "refused": ({"channels": PLAN}, [(0, {"re": "set", "error": "no"})], PLAN),
+    "changed": ({"channels": PLAN}, [(0, {"re": "set", "channels": PLAN[::-1]})], None),
+    "strips": (
+        {"channels": PLAN, "strips": [{"channels": PLAN}, {"channels": PLAN[::-1]}]},
+        [],
+        None,
+    ),
+    "the same": ({"channels": PLAN, "strips": [{"channels": PLAN}] * 2}, [], PLAN),
+    "twice": ({"channels": [*PLAN[:5], "F3"]}, [], None),
     "unknown": ({}, [], None),
-    "invalid": ({"plan": PLAN, "strips": [7]}, [(9, {"re": "set", "plan": {"a": 1}})], PLAN),
+    "invalid": (
+        {"channels": PLAN, "strips": [7]},
+        [(9, {"re": "set", "channels": {"a": 1}})],
+        PLAN,
+    ),
 }
 
 
@@ -207,16 +215,16 @@ def test_columns_have_the_names_of_the_channels_if_these_are_the_same_throughout
 
 
 def test_changes_of_the_settings_are_described(tmp_path):
-    strips = [{"plan": PLAN, "gain": 9}, {"plan": PLAN, "gain": 8}]
+    strips = [{"channels": PLAN, "gain": 9}, {"channels": PLAN, "gain": 8}]
     told = [
         (0, {"re": "get", "gain": 9, "dark": [64] * 6, "missed": 3}),
-        (1, {"re": "set", "gain": 4, "plan": PLAN, "rate_mHz": 5}),
+        (1, {"re": "set", "gain": 4, "channels": PLAN, "rate_mHz": 5}),
         (1, {"re": "dark", "dark": [65] * 6}),
         (0, {"re": "set", "error": "gain must be 0 to 10"}),
         (0, {"log": "error", "text": "x", "gain": 2}),
         (1, {"re": "set", "gain": 4}),
     ]
-    changes = recorded(tmp_path, {"plan": PLAN, "strips": strips}, *told).changes
+    changes = recorded(tmp_path, {"channels": PLAN, "strips": strips}, *told).changes
     assert [{k: v for k, v in one.items() if k != "arrived_s"} for one in changes] == [
         {"sensor": 1, "gain": 4},
         {"sensor": 1, "dark": [65] * 6},

@@ -104,7 +104,7 @@ def _standard_error(counts):
 def our_labels(sensor, plan):
     board, _ = board_with(sensor, silent_chip(Labelled(10_000)))
     with board:
-        board.command(f"set plan={','.join(plan)} gain={GAIN_1X_OF_64}")
+        board.command(f"set channels={','.join(plan)} gain={GAIN_1X_OF_64}")
         board.command("stream spectrum")
         return dict(zip(plan, since_now(board, 1, 10_000)[0]))
 

@@ -123,7 +123,7 @@ def test_our_map_is_the_published_one_byte_for_byte(bus, sensor, plan, published
 
     link = LockstepLink(sensor, Held())
     with Board(link) as board:
-        board.command("set plan=" + ",".join(plan))
+        board.command("set channels=" + ",".join(plan))
         assert registers(link.bus, 0x00, 20) == theirs
 
 

@@ -55,7 +55,7 @@ def calibrate(room, path, kind, count, plan=PLAN):
     stage, presser = room.stage, Presser(shown)
     presser.patience_s = PATIENCE_S
     bench = Bench(stage.reader, presser, shown, stage.length_um, path.with_suffix(".toml"))
-    options = argparse.Namespace(plan=plan, keep_settings=False)
+    options = argparse.Namespace(channels=plan, keep_settings=False)
     steps.calibrate(bench, Session(path), kind, count, None, options)
     room.move([])
     return file.load(path.with_suffix(".toml"))

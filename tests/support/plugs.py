@@ -83,7 +83,7 @@ class Plug:
         if name == "hello":
             reply |= {"protocol": PROTOCOL, "id": self.board_id, "board": "b", "runtime": "r"}
             reply |= {"keys": 0, "length_um": 85_000, "exposure_us": 5000, "average": 1}
-            reply |= {"plan": ["F3", "F4", "F5", "F6", "F7", "F8"]}
+            reply |= {"channels": ["F3", "F4", "F5", "F6", "F7", "F8"]}
         elif name == "get":
             reply["full_scale"] = 65_535
         elif name == "sync":

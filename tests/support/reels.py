@@ -18,7 +18,7 @@ INFO = {
     "runtime": "r",
     "firmware": "f",
     "id": "1",
-    "plan": [],
+    "channels": [],
 }
 
 

@@ -82,7 +82,7 @@ def our_counts(sensor, plan, exposure_us, gains, presses, samples, led_mA=100):
     held = Held()
     readings = {}
     with Board(LockstepLink(sensor, held)) as board:
-        board.command(f"set plan={','.join(plan)} exposure_us={exposure_us} led_mA={led_mA}")
+        board.command(f"set channels={','.join(plan)} exposure_us={exposure_us} led_mA={led_mA}")
         board.command("stream spectrum")
         for gain in gains:
             board.command(f"set gain={gain}")

@@ -15,7 +15,7 @@ from spots_sim.measure.score import Score
 from spots_sim.strip.files import Finger, ScenarioFile
 from spots_sim.strip.scenario import Scenario
 
-INFO = {"board": "b", "runtime": "r", "plan": ["F3", "F4"], "length_um": 50_000}
+INFO = {"board": "b", "runtime": "r", "channels": ["F3", "F4"], "length_um": 50_000}
 
 
 def reading(flags=1, position_um=25_000, force_mN=2500, time_s=3.5):

@@ -81,7 +81,7 @@ def run(simulated, tmp_path, monkeypatch, capsys):
 def test_the_tutorial_prints_each_press(run):
     names, out = run("program/index.md")
     assert names["board"].state == "closed"
-    assert set(names["board"].info["plan"]) == set(re.findall(r"'(F\d)': \d+", out))
+    assert set(names["board"].info["channels"]) == set(re.findall(r"'(F\d)': \d+", out))
     assert re.findall(r"^\d\.\d\d N$", out, re.MULTILINE)
 
 

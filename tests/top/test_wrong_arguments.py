@@ -94,7 +94,10 @@ def test_wrong_arguments_of_a_board_are_named():
         (lambda: board.set(gain=0.5), "gain must be a whole number or a text, not 0.5"),
         (lambda: board.subscribe(5), "the callback must be a function, not 5"),
         (lambda: board.subscribe(print, 5), "must be one of Touch, Spectrum, Key, Contact, not 5"),
-        (lambda: board.set(plan=[1, 2]), r"plan must be a whole number or a text, not \[1, 2\]"),
+        (
+            lambda: board.set(channels=[1, 2]),
+            r"channels must be a whole number or a text, not \[1, 2\]",
+        ),
         (lambda: board.when_state_changes(5), "the callback must be a function, not 5"),
         (lambda: board.when_closed(None), "the callback must be a function, not None"),
         (lambda: board.tap(5), "the callback must be a function, not 5"),

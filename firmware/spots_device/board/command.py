@@ -215,8 +215,9 @@ class Commands:
     commands of the board:
       hello               board, firmware, id, settings, calibration
       get                 settings, dark frame, faults, counters of missed samples
-      set NAME=VALUE ...  exposure_us, gain, led_mA, average, plan, strain_ppm,
-                          dark_every, mains_hz, keys, gamepad, watchdog, led
+      set NAME=VALUE ...  exposure_us, gain, led_mA, average, channels,
+                          strain_ppm, dark_every, mains_hz, keys, gamepad, watchdog,
+                          led
       set keys=1          touches press keys; with 'set gamepad=1', they move a gamepad
       autoexpose          find gain and LED current while you press firmly
       dark                take a dark frame; if led=always, unplug the LED, then send

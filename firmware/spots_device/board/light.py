@@ -14,7 +14,7 @@ _DARK_MAX = (GAIN_MAX, MAX_US) + CHANNELS * (65_535 * DARK_SAMPLES,)
 def settle(changes, values, board):
     """Validate new values of ``led`` and ``dark``, and adapt settings that depend on others.
 
-    A new ``led`` changes ``led_mA``. A new ``led`` or ``plan`` removes the stored dark frame.
+    A new ``led`` changes ``led_mA``. A new ``led`` or ``channels`` removes the stored dark frame.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def settle(changes, values, board):
         changes["led_mA"] = DEFAULT_LED_MA
     if "dark" in changes:
         changes["dark"] = _dark(changes["dark"])
-    elif is_new or changes.get("plan", values["plan"]) != values["plan"]:
+    elif is_new or changes.get("channels", values["channels"]) != values["channels"]:
         changes["dark"] = []
 
 

@@ -18,7 +18,7 @@ from ..sensor.exposure import (
 )
 from ..sensor.smux import smux_map
 
-DEFAULT_PLAN = ("F3", "F4", "F5", "F6", "F7", "F8")
+DEFAULT_CHANNELS = ("F3", "F4", "F5", "F6", "F7", "F8")
 
 # Name of a setting: minimum, maximum, default.
 LIMITS = {
@@ -59,7 +59,7 @@ class BoardSettings:
     Attributes
     ----------
     values : dict
-        Values by name: an int for each name in `LIMITS`; ``plan``, a tuple of the names of six
+        Values by name: an int for each name in `LIMITS`; ``channels``, a tuple of the names of six
         diodes; ``led``, one of `light.LEDS`; ``dark``, a list: the stored dark frame of an LED that
         is always on (gain, exposure in us, and six sums over `decode.DARK_SAMPLES` samples), or
         empty.
@@ -69,7 +69,7 @@ class BoardSettings:
         self._board = board
         self.led_max_mA = board.LED_MAX_MA
         self.values = {name: default for name, (_, _, default) in LIMITS.items()}
-        self.values["plan"] = DEFAULT_PLAN
+        self.values["channels"] = DEFAULT_CHANNELS
         self.values["dark"] = []
         self.values["led"] = "ldr"
         self._led = getattr(board, "STRIP_LED", "ldr")
@@ -100,7 +100,7 @@ class BoardSettings:
         checked = {}
         for word in words:
             name, _, text = word.partition("=")
-            if name == "plan":
+            if name == "channels":
                 checked[name] = tuple(text.split(","))
                 smux_map(checked[name])
             elif name == "led" or name == "dark":
@@ -114,7 +114,7 @@ class BoardSettings:
             else:
                 raise ValueError(
                     "no setting is called '%s'; use one of %s"
-                    % (name, ", ".join(sorted(LIMITS) + ["led", "plan"]))
+                    % (name, ", ".join(sorted(LIMITS) + ["led", "channels"]))
                 )
         mains_hz = checked.get("mains_hz", self.values["mains_hz"])
         if mains_hz not in (0, 50, 60):
@@ -132,13 +132,14 @@ class BoardSettings:
         return bool(set(checked).difference(_AFTER_THE_SENSOR))
 
     def restore(self, lines):
-        """Change settings as `change` does; ignore settings that only earlier firmware had."""
-        self.change([line for line in lines if line.partition("=")[0] not in _REMOVED])
+        """Change settings as `change` does; understand what earlier firmware has saved."""
+        lines = [line for line in lines if line.partition("=")[0] not in _REMOVED]
+        self.change([line.replace("plan=", "channels=") for line in lines])
 
     def reply(self):
-        """Return the settings except ``dark`` as a dict for a reply; ``plan`` is a list."""
+        """Return the settings except ``dark`` as a dict for a reply; ``channels`` is a list."""
         reply = dict(self.values)
-        reply["plan"] = list(reply["plan"])
+        reply["channels"] = list(reply["channels"])
         del reply["dark"]  # the reply to ``get`` contains these sums
         return reply
 
@@ -146,7 +147,7 @@ class BoardSettings:
         """Return all settings as a list of assignments for `change`."""
         values = self.values
         lines = ["%s=%d" % (name, values[name]) for name in sorted(LIMITS)]
-        lines.append("plan=" + ",".join(values["plan"]))
+        lines.append("channels=" + ",".join(values["channels"]))
         if values["led"] != self._led:
             lines.append("led=" + values["led"])
         if values["dark"]:

@@ -107,7 +107,7 @@ class Calibration:
                 conditions.board,
             )
         if conditions.plan != made.plan:
-            what = "with plan=" + ",".join(made.plan)
+            what = "with channels=" + ",".join(made.plan)
         elif (conditions.gain, conditions.led_mA) != (made.gain, made.led_mA):
             what = "at gain=%d led_mA=%d" % (made.gain, made.led_mA)
         else:

@@ -380,7 +380,7 @@ class Strip:
         sensor.led = led
         mains_hz = values["mains_hz"]
         exposure_us = choose(exposure_us, mains_hz)
-        sensor.start(values["plan"], gain, exposure_us, led_mA, mains_hz)
+        sensor.start(values["channels"], gain, exposure_us, led_mA, mains_hz)
         self.conditions = Conditions(
             self._uid, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
         )

@@ -168,13 +168,13 @@ def calibrate(parser: Parser):
         type=arguments.strain_percent,
     )
     parser.option(
-        "--plan",
+        "--channels",
         "F3,F4,...",
         "six channels to measure; if not given, the best ones, but with --rough or led=always the "
         "present ones",
     )
     parser.flag("--keep-settings", "do not adjust gain and LED current")
-    chooses = "--plan", "--keep-settings"
+    chooses = "--channels", "--keep-settings"
     parser.needs(
         chooses,
         lambda options: options.kind not in ("strain", "joint"),

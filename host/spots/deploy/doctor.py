@@ -231,7 +231,7 @@ def _channels(state: Get, lit: _Light, pressed: bool) -> Iterator[Finding]:
     `pressed` is whether the LED gives light in any channel; only then a dead channel is seen.
     """
     for i, dark in enumerate(lit.dark):
-        name = f"channel {state['plan'][i]} (ADC {i}) of the sensor"
+        name = f"channel {state['channels'][i]} (ADC {i}) of the sensor"
         advice = "check the sensor's window and its solder joints, or replace the sensor"
         if dark > _BRIGHTEST * state["full_scale"]:
             text = f"{name} is at full scale although the LED is off: darken the strip, or {advice}"

@@ -258,9 +258,9 @@ class Board(AbstractContextManager["Board"]):
         Parameters
         ----------
         **settings : int, str or sequence of str
-            Names and values of settings, as in docs/extend/commands.md. The value of ``plan`` is a
-            sequence of channel names, or a text with commas between the names. On a board with
-            several strips, ``sensor`` selects a strip.
+            Names and values of settings, as in docs/extend/commands.md. The value of
+            ``channels`` is a sequence of channel names, or a text with commas between the names.
+            On a board with several strips, ``sensor`` selects a strip.
 
         Returns
         -------

@@ -221,7 +221,7 @@ def prepare(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
         gain=made.gain,
         exposure_us=made.exposure_us,
         led_mA=made.led_mA,
-        plan=list(made.plan),
+        channels=list(made.plan),
         sensor=sensor,
     )
     upload(board, calibration, sensor)
@@ -247,7 +247,7 @@ def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
     """
     made = _checked(calibration)
     i: Any = board.command(of_sensor("hello", sensor))
-    now = Conditions(i["id"], tuple(i["plan"]), i["gain"], i["exposure_us"], i["led_mA"])
+    now = Conditions(i["id"], tuple(i["channels"]), i["gain"], i["exposure_us"], i["led_mA"])
     reason = made.mismatch(now)
     if reason is not None:
         raise CalibrationError(reason)

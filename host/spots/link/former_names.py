@@ -1,4 +1,4 @@
-"""Former names on the wire: commands, and values of replies in older recordings.
+"""Former names on the wire: commands, settings, and values of replies in older recordings.
 
 Recordings contain the replies of the firmware that made them. The table is here and not in the
 firmware, because a board has little memory.
@@ -10,14 +10,18 @@ from typing import Any
 from ..errors import SettingError
 
 _COMMANDS = {"auto": "autoexpose", "rest": "tare"}
-_VALUES = {"rest": "baseline"}
+_SETTINGS = {"plan": "channels"}
+_VALUES = {"rest": "baseline", **_SETTINGS}
 
 
 def check(line: str) -> None:
-    """Raise SettingError if a command has a former name, so that a board need not know it."""
-    name = line.split()[0]
-    if name in _COMMANDS:
-        raise SettingError(f"'{name}' is now '{_COMMANDS[name]}': send '{_COMMANDS[name]}'")
+    """Raise SettingError if a command or a setting in it has a former name."""
+    command, *words = line.split()
+    names = [word.partition("=")[0] for word in words] if command == "set" else [command]
+    known = _SETTINGS if command == "set" else _COMMANDS
+    for name in names:
+        if name in known:
+            raise SettingError(f"'{name}' is now '{known[name]}': send '{known[name]}'")
 
 
 def present(reply: Mapping[str, Any]) -> dict[str, Any]:

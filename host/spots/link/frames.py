@@ -167,7 +167,7 @@ class Spectrum(NamedTuple):
     gain : int
         Code of the gain register, 0 to 10 for 0.5x to 512x.
     counts : tuple of int
-        Counts of ADC 0 to 5. The board's setting ``plan`` names the channel of each ADC.
+        Counts of ADC 0 to 5. The board's setting ``channels`` names the channel of each ADC.
 
     Examples
     --------

@@ -32,7 +32,7 @@ class Settings(TypedDict):
     ``led`` is the way in which the LED is connected, such as "ldr".
     """
 
-    plan: list[str]
+    channels: list[str]
     exposure_us: _Count
     average: _Count
     gain: _Number
@@ -115,7 +115,7 @@ class _Stream(TypedDict):
 
 # Defaults of missing keys.
 _SETTINGS: dict[str, object] = dict.fromkeys(Settings.__annotations__, 0)
-_SETTINGS.update(plan=[], exposure_us=1, average=1, led="ldr")
+_SETTINGS.update(channels=[], exposure_us=1, average=1, led="ldr")
 _HELLO: dict[str, object] = {**dict.fromkeys(Hello.__annotations__), **_SETTINGS}
 _HELLO.update(board="?", runtime="?", firmware="?", boot=[])
 # A full scale of 0 is unknown: the sensor has not answered yet.

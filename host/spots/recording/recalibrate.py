@@ -215,7 +215,7 @@ class _Rewriter:
     def _text(self, lane: _Lane, body: bytes) -> None:
         try:
             content = present(msgspec.json.decode(body, type=dict[str, Any]))
-            plan = msgspec.convert(content.get("plan", lane.strip.plan), tuple[str, ...])
+            plan = msgspec.convert(content.get("channels", lane.strip.plan), tuple[str, ...])
         except msgspec.MsgspecError:
             return
         if content.get("re") in ("set", "autoexpose", "hello", "get"):
@@ -338,7 +338,7 @@ def _strip(header: Header, sensor: int, lines: list[str]) -> ReplayedStrip:
     info = header.strips[sensor]
     own = _own(header, sensor)
     name = checksum(own) if own else info.get("calibration")
-    return ReplayedStrip(info.get("id"), info.get("plan", []), lines, checksum(lines) == name)
+    return ReplayedStrip(info.get("id"), info.get("channels", []), lines, checksum(lines) == name)
 
 
 def _own(header: Header, sensor: int) -> list[str] | None:

@@ -92,8 +92,10 @@ class Description(NamedTuple):
     @property
     def channels(self) -> Sequence[str]:
         """Channels of the six ADCs, such as "F3"; "adc0" to "adc5" if not always the same ones."""
-        plan: list[str] = self.header.info["plan"]
-        always = all(one.get("plan", plan) == plan for one in (*self.header.strips, *self.changes))
+        plan: list[str] = self.header.info["channels"]
+        always = all(
+            one.get("channels", plan) == plan for one in (*self.header.strips, *self.changes)
+        )
         if always and len(plan) == len(set(plan)) == CHANNELS:
             return plan
         return [f"adc{i}" for i in range(CHANNELS)]

@@ -68,7 +68,7 @@ class StripView:
         self._length_um = info.get("length_um") or _DEFAULT_LENGTH_UM
         self.unit = "relative" if info.get("relative_force") else "N"
         self._touch: Touch | None = None
-        self._counts: Sequence[float] = [0] * len(info["plan"])
+        self._counts: Sequence[float] = [0] * len(info["channels"])
         self._trace: deque[Touch] = deque(maxlen=_TRACE_COLUMNS * 4)
 
     def take(self, frame: Frame) -> None:
@@ -85,7 +85,7 @@ class StripView:
         info = self._info
         parts = [self._strip(), self._scale(), Text(), self._numbers(), self._history(), Text()]
         link = {"frames": stats.frames, "lost": stats.lost, "bad": stats.bad_crc, **judged["link"]}
-        parts += [bars(info["plan"], self._counts, 1000), Text()]
+        parts += [bars(info["channels"], self._counts, 1000), Text()]
         parts += map(_row, (link, *judged["rows"]))
         if self.state != CONNECTED:
             parts.append(Text(f"link {self.state}", style="yellow"))

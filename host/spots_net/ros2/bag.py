@@ -47,7 +47,7 @@ def write(description: Description, records: Records, out: Path, files: Files) -
         values["counts"] = row[-_CHANNELS:]
         now = settings[sensor]
         strip = Strip(
-            frame_id(name, sensor), now["plan"], now["exposure_us"], now["dark"] or UNKNOWN_DARK
+            frame_id(name, sensor), now["channels"], now["exposure_us"], now["dark"] or UNKNOWN_DARK
         )
         utc_s = max(0.0, header.utc_s + time_s)
         for topic, message in messages(table.name, values, utc_s, _ERROR_S, strip):

@@ -60,7 +60,7 @@ def calibrate_by_hand(
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "hand.toml"
         bench = Bench(stage.reader, presser, guide, stage.length_um, path)
-        options = argparse.Namespace(plan=None, keep_settings=True)
+        options = argparse.Namespace(channels=None, keep_settings=True)
         try:
             steps.calibrate(bench, Session(path.with_suffix(".jsonl")), kind, count, None, options)
         finally:

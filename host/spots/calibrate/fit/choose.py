@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spots_device.board.settings import DEFAULT_PLAN
+from spots_device.board.settings import DEFAULT_CHANNELS
 
 from ...errors import CalibrationError
 from .fit import Curves
@@ -43,9 +43,9 @@ def passes(present: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return two plans of six diodes; they share three diodes and together contain all nine.
 
     The first plan is the board's plan `present` if all its diodes are in `DIODES`; else it is
-    `DEFAULT_PLAN`.
+    `DEFAULT_CHANNELS`.
     """
-    first = present if set(present) <= set(DIODES) else DEFAULT_PLAN
+    first = present if set(present) <= set(DIODES) else DEFAULT_CHANNELS
     others = [diode for diode in DIODES if diode not in first]
     return first, tuple(others) + first[::2]
 

@@ -234,7 +234,7 @@ def estimators(design: np.ndarray, information: np.ndarray) -> np.ndarray:
     except np.linalg.LinAlgError:
         raise CalibrationError(
             "the light of all channels decays alike along the strip: choose other channels with "
-            "--plan, or a dye or an LED of another colour"
+            "--channels, or a dye or an LED of another colour"
         ) from None
 
 

@@ -41,11 +41,11 @@ def calibrate_command(options: argparse.Namespace) -> None:
             "'spots calibrate strain' and --strain-percent belong together: give both, or leave "
             "out both"
         )
-    if options.plan:
+    if options.channels:
         try:
-            smux_map(options.plan.split(","))
+            smux_map(options.channels.split(","))
         except ValueError as error:
-            raise SettingError(f"--plan: {error}") from None
+            raise SettingError(f"--channels: {error}") from None
     if options.practice:
         return _practise(options, kind, count)
     session = Session(Path(options.session or _SESSION))

@@ -67,10 +67,10 @@ class Practice:
 def practise(options: argparse.Namespace, kind: str, count: int, guide: Dialog) -> Score:
     """Run a session by hand on a simulated strip, and return the score.
 
-    The options are ``sensor`` and ``seed`` of the simulated strip; ``plan`` and ``keep_settings``
-    as for `steps.calibrate`; ``length_mm``, which must be None or the length of the simulated
-    strip. `kind` is ``fine`` or ``rough``; `count` is 0 for the default. RequirementError if there
-    is no simulator; CalibrationError if the session ends early.
+    The options are ``sensor`` and ``seed`` of the simulated strip; ``channels`` and
+    ``keep_settings`` as for `steps.calibrate`; ``length_mm``, which must be None or the length of
+    the simulated strip. `kind` is ``fine`` or ``rough``; `count` is 0 for the default.
+    RequirementError if there is no simulator; CalibrationError if the session ends early.
     """
     begin: Callable[..., AbstractContextManager[Practice]] | None = offered("virtual", "practice")
     if begin is None:

@@ -290,4 +290,6 @@ def _decoded(line: bytes) -> Point | None:
 def settings(conditions: Conditions) -> str:
     """Return the arguments of the board's command ``set`` that restore `conditions`."""
     c = conditions
-    return f"plan={','.join(c.plan)} gain={c.gain} exposure_us={c.exposure_us} led_mA={c.led_mA}"
+    return (
+        f"channels={','.join(c.plan)} gain={c.gain} exposure_us={c.exposure_us} led_mA={c.led_mA}"
+    )

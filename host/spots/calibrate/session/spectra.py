@@ -177,7 +177,7 @@ class SpectrumReader:
     def conditions(self) -> Conditions:
         """Board and settings, as `set_up` read them."""
         i = self.info
-        return Conditions(i["id"], tuple(i["plan"]), i["gain"], i["exposure_us"], i["led_mA"])
+        return Conditions(i["id"], tuple(i["channels"]), i["gain"], i["exposure_us"], i["led_mA"])
 
     def samples(self, count: int) -> tuple[np.ndarray, bool]:
         """Return new dark-subtracted samples, shape (count, 6), and whether one was saturated.

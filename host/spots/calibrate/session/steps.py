@@ -65,7 +65,7 @@ def calibrate(
 
     `kind` is ``fine`` (with a scale) or ``rough`` (without) for presses by hand; or ``position``,
     ``strain``, ``force`` or ``joint``. `count` is the number of presses by hand, of positions, of
-    forces, or of angles in each direction; 0 for the default. The options are ``plan``, channel
+    forces, or of angles in each direction; 0 for the default. The options are ``channels``,
     names or None, and ``keep_settings``, whether to keep gain and LED current. SpotsError if the
     session has another board or other settings, or its presses give no calibration.
     """
@@ -154,17 +154,17 @@ class _Steps:
         `kind` and `options` are those of `calibrate`.
         """
         session, reader = self.session, self.bench.reader
-        wanted_plan = tuple(options.plan.split(",")) if options.plan else None
+        wanted_plan = tuple(options.channels.split(",")) if options.channels else None
         if not session.plan_is_open:
             if wanted_plan not in (None, session.conditions.plan):
                 raise SettingError(
                     f"the session {session.path} was made with channels "
-                    f"{','.join(session.conditions.plan)}: omit --plan, or name another file with "
-                    "--session"
+                    f"{','.join(session.conditions.plan)}: omit --channels, or name another file "
+                    "with --session"
                 )
             return
         if wanted_plan:
-            reader.set_up("plan=" + options.plan)
+            reader.set_up("channels=" + options.channels)
         if not session.points and not options.keep_settings:
             self._mains()
             self._autoexpose(0.0 if kind == "rough" else FULL_MN)
@@ -263,7 +263,7 @@ class _Steps:
 
     def _set_plan(self, plan: tuple[str, ...]) -> None:
         if plan != self.bench.reader.conditions.plan:
-            self.bench.reader.set_up("plan=" + ",".join(plan))
+            self.bench.reader.set_up("channels=" + ",".join(plan))
 
     def places(self, kind: str, count: int, strain_ppm: int) -> None:
         """Take `count` presses along the strip, which has the strain `strain_ppm`.

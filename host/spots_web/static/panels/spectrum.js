@@ -28,7 +28,7 @@ export function spectrum(root) {
   }
 
   return (state, news, now_s) => {
-    if (news.board?.plan) lay(news.board.plan);
+    if (news.board?.channels) lay(news.board.channels);
     if (news.touch) {
       const word = !news.touch.touching ? "no press" : several(news.touch) ? "two fingers"
         : news.touch.flags.includes("not one press") ? "does not fit one press"
