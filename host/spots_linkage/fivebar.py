@@ -330,10 +330,7 @@ class Linkage:
         return np.arcsin(np.minimum(abs(across) / (b1 * b2), 1)), limit
 
     def _outer(self, theta1, theta2, x, y):
-        """Return the outer bars as vectors from elbow to end point, and their cross product.
-
-        `theta1` and `theta2` are the joint angles in rad; (`x`, `y`) is the end point in mm.
-        """
+        """Return the outer bars as vectors from elbow to end point, and their cross product."""
         a1, _, _, a2 = self.bar_mm
         u1 = (x - a1 * np.sin(theta1), y - a1 * np.cos(theta1))
         u2 = (x - self.base_mm + a2 * np.sin(theta2), y - a2 * np.cos(theta2))

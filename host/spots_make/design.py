@@ -263,11 +263,7 @@ def design_command(options: argparse.Namespace) -> None:
 
 
 def _to_make(shape, strips: int, found: Design, options, folder: Path) -> list[Path]:
-    """Write moulds, drawings and recipe of a design into a folder; return the files.
-
-    `shape` has the dimensions of the strip, `strips` is the number of strips in the recipe, and
-    `options` are those of ``spots design``.
-    """
+    """Write moulds, drawings and recipe of a design into a folder; return the files."""
     line = (
         f"spots design --length-mm {options.length_mm:g} "
         f"--resolution-um {options.resolution_um:g} --rate-hz {options.rate_hz:g}"

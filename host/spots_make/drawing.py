@@ -217,11 +217,7 @@ def _assembled(shape: StripShape, placed: dict) -> _Sheet:
 
 
 def _sensor_end(sheet: _Sheet, shape: StripShape, placed: dict, top: float) -> float:
-    """Draw the sensor's end of a strip on a sheet, below `top`; return the lower edge.
-
-    `top` and the result are in pixels. `placed` has the parts of the strip, see
-    `assembly.assembly`.
-    """
+    """Draw the sensor's end of a strip below `top`; return the lower edge, both in pixels."""
     sheet.title(top, "The sensor's end")
     end, detail = -shape.length_mm / 2, 12.0
     above = placed["sensor_cap"].bounding_box()[5]
@@ -245,11 +241,7 @@ def _sensor_end(sheet: _Sheet, shape: StripShape, placed: dict, top: float) -> f
 
 
 def _led_end(sheet: _Sheet, shape: StripShape, placed: dict, top: float) -> float:
-    """Draw the LED's end of a strip on a sheet, below `top`; return the lower edge.
-
-    `top` and the result are in pixels. `placed` has the parts of the strip, see
-    `assembly.assembly`.
-    """
+    """Draw the LED's end of a strip below `top`; return the lower edge, both in pixels."""
     sheet.title(top, "The LED's end")
     end, detail = shape.length_mm / 2, 12.0
     above = placed["led_cap"].bounding_box()[5]

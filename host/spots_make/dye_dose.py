@@ -146,7 +146,7 @@ def read_pieces(
     ``ask(text)`` returns when the user has confirmed a request. `dark` takes a dark frame; it is
     called only if the LED is always on: then the board takes none itself. Returned are the names of
     the channels, and dark-subtracted counts through each piece, shape (6,). CalibrationError if a
-    piece saturates the sensor, or the board is disconnected.
+    piece saturates the sensor.
     """
     counts = []
     for piece in ("clear", "dyed"):

@@ -74,7 +74,8 @@ class ZenohLink(ReplyingLink):
     def read(self, timeout_s: float) -> bytes:
         """Return the bytes that have arrived; wait up to `timeout_s` seconds for the first one.
 
-        PortLostError if the publisher disconnected or restarted, or the board restarted.
+        PortLostError if the publisher disconnected or restarted, or the board restarted;
+        ClosedError if this link is closed.
         """
         mail = self._mail
         with mail.changed:

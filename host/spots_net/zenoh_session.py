@@ -73,7 +73,7 @@ def find(session: zenoh.Session, wanted: str, domain: int) -> str:
 
     `wanted` is the id of the board, or the name of the node; empty for the only published board.
     PortError if the board is not published within 3 s, or if several boards are published and
-    `wanted` is empty.
+    `wanted` is empty; SettingError if it cannot be a name.
     """
     if wanted and not is_name(wanted):
         raise SettingError(

@@ -22,7 +22,6 @@ class Connections:
         self._ends: dict[asyncio.BaseTransport, asyncio.TimerHandle] = {}  # oldest first
 
     def __call__(self) -> asyncio.Protocol:
-        """Return the protocol of a new connection."""
         return _Counted(self._protocol(), self)
 
     def opened(self, transport: asyncio.Transport) -> None:

@@ -166,7 +166,6 @@ class StripFeed:
         return found
 
     def _show(self) -> None:
-        """Put the changed parts into the state of the web UI."""
         parts = {
             "keys": self._engine and self._keys(),
             "stick": self._controller and self._stick(),

@@ -43,8 +43,5 @@ class OneEuro:
 
 
 def _alpha(cutoff_hz: float, dt_s: float) -> float:
-    """Return the weight (0 to 1) of a new sample in a low-pass filter.
-
-    `cutoff_hz` is the filter's cutoff frequency, `dt_s` the time since the previous sample.
-    """
+    """Return the weight (0 to 1) of a new sample in a low-pass filter."""
     return 1 / (1 + 1 / (2 * math.pi * cutoff_hz * dt_s))

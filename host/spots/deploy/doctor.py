@@ -242,10 +242,7 @@ def _channels(state: Get, lit: _Light, pressed: bool) -> Iterator[Finding]:
 
 
 def _await(board: Board, reading_s: float, done: Callable[[float], bool]) -> _Light:
-    """Call `_led_light` repeatedly until ``done(light)`` is true, for 10 s at most.
-
-    `reading_s` is the duration of a reading, in seconds. Return the result of the last call.
-    """
+    """Return what `_led_light` measures as soon as ``done(light)`` is true; after 10 s at most."""
     end_s = board.now_s() + _WITHIN_S
     while True:
         lit = _led_light(board, reading_s)

@@ -101,7 +101,6 @@ class Tree:
 
     @contextlib.contextmanager
     def _open(self, path: str) -> Iterator[BinaryIO]:
-        """Open a file for reading."""
         with self._explained(), open(self._file(path), "rb", opener=_opened) as file:
             yield file
 

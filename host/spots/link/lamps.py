@@ -62,10 +62,7 @@ def _light(
 
 
 def _strongest(time_s: np.ndarray, light: np.ndarray) -> int:
-    """Return the mains frequency in Hz of the lamp that flickers most; 0 if no lamp flickers.
-
-    `time_s` and `light` are the results of `_light`.
-    """
+    """Return the mains frequency in Hz of the lamp that flickers most; 0 if no lamp flickers."""
     if len(light) < _SAMPLES_MIN:
         return 0
     powers = {hz: max(_power(time_s, light, 2 * hz + off) for off in _OFF_HZ) for hz in _MAINS_HZ}
@@ -74,10 +71,7 @@ def _strongest(time_s: np.ndarray, light: np.ndarray) -> int:
 
 
 def _power(time_s: np.ndarray, light: np.ndarray, hz: float) -> float:
-    """Return the power of a sine of the frequency `hz` in the light, relative to the noise.
-
-    `time_s` and `light` are the results of `_light`.
-    """
+    """Return the power of a sine of the frequency `hz` in the light, relative to the noise."""
     phase = 2 * np.pi * hz * time_s
     waves = np.stack([np.ones_like(time_s), time_s, np.cos(phase), np.sin(phase)], axis=1)
     with_sine, without = (

@@ -106,9 +106,7 @@ def joint(
 
 
 def _turn(stage: Stage, shares) -> tuple[np.ndarray, np.ndarray]:
-    """Turn the joint of `stage` up, then down, and read the positions at each angle.
-
-    `shares` are the angles as shares of the joint's travel, ascending.
+    """Turn the joint up, then down, through ascending shares of its travel; read the positions.
 
     Returns angles in degrees, shape (n,), and positions in um, shape (n, `_READINGS`).
     """

@@ -155,8 +155,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     """Start a virtual board in real time, calibrated on the simulated stage, and open it.
 
     The board stops when it is closed. The second result is the host time in seconds at which the
-    scenario's time is 0. SettingError if an argument or file is invalid, or the board does not
-    start.
+    scenario's time is 0. SpotsError if an argument or file is invalid, or the board does not start.
     """
     if not isinstance(seed, int) or seed < 0:
         raise SettingError(f"the seed must be a whole number of 0 or more, not {seed!r}")

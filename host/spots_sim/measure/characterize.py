@@ -30,8 +30,8 @@ def measure(
 ) -> None:
     """Measure the accuracy of a simulated sensor; print tables, or one JSON object with `as_json`.
 
-    Sensor and change are names or paths of files. `out` is a folder for figures, if any.
-    SettingError if a file or an option is invalid, or the sensor cannot be calibrated.
+    Sensor and change are names or paths of files. `out` is a folder for figures, if any. SpotsError
+    if a file or an option is invalid, or the sensor cannot be calibrated.
     """
     if not MIN_US <= exposure_us <= MAX_US:
         raise SettingError(f"--exposure-us must be from {MIN_US} to {MAX_US}, not {exposure_us}")

@@ -73,8 +73,8 @@ def characterize(
     Position and force are measured on the flat strip. Position is also measured on the bent and on
     the stretched strip, and the angle of a joint with the strip in the joint. `change` is added to
     the table ``[change]`` of the sensor file. After it, `hand` re-zeroes the calibration with a few
-    presses. ``progress(name)`` is called at the start of each step. SettingError if the sensor
-    cannot be calibrated at this exposure.
+    presses. ``progress(name)`` is called at the start of each step. SpotsError if the sensor cannot
+    be calibrated at this exposure.
     """
     run = Run()
     rng = np.random.default_rng(seed + 1)
@@ -151,8 +151,7 @@ def _fewer(rig: Rig, count: int) -> int:
 def _jittered(rig: Rig, rng, place_um: float, count: int):
     """Press `count` times around `place_um`, with random offsets of position and force.
 
-    `rig` is a calibrated strip; `rng` is the random generator. Yields a tuple for each press: true
-    position in um, true force in mN, reading, counts.
+    Yields a tuple for each press: true position in um, true force in mN, reading, counts.
     """
     for _ in range(count):
         at_um = place_um + rng.uniform(-_JITTER_UM, _JITTER_UM)
@@ -307,10 +306,10 @@ def _threshold_mN(rig: Rig) -> float:
 
 
 def _accuracy_um(rig: Rig, rng) -> np.ndarray:
-    """Measure the position accuracy along a calibrated strip `rig`, with random presses.
+    """Measure the position accuracy along a calibrated strip, with random presses.
 
-    `rng` is the random generator. Returns an array of shape (3, n) for n positions: positions, mean
-    errors and mean absolute errors, all in um.
+    Returns an array of shape (3, n) for n positions: positions, mean errors and mean absolute
+    errors, all in um.
     """
     x_um = PLACES * rig.stage.length_um
     count = _fewer(rig, _ACCURACY)

@@ -169,8 +169,8 @@ def follow(
     """Move the end point of a simulated linkage along a path; compare path and digital twin.
 
     ``report(terminal)`` is called with each estimate. The conditions are ``rezeroed`` and
-    ``misfits`` of `simulated_linkage.Simulation`. SettingError if the linkage cannot follow the
-    path, the path is too short for two estimates, or the sensor cannot be calibrated.
+    ``misfits`` of `simulated_linkage.Simulation`. SpotsError if the linkage cannot follow the path,
+    the path is too short for two estimates, or the sensor cannot be calibrated.
     """
     begin_s = start_s(sensor)
     motion = guided(path, begin_s)
@@ -208,8 +208,7 @@ def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndar
 def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
     """Return x and y in mm of a grid that covers a linkage's reach, in random order.
 
-    `pitch_mm` is the distance between neighbouring positions. Each position is then moved by a
-    random distance of at most `jitter_mm` along x and y; `rng` is the random generator.
+    Each position is moved by a random distance of at most `jitter_mm` along x and y.
     """
     a1, b1, b2, a2 = linkage.bar_mm
     left, right = linkage.base_mm - a2 - b2, a1 + b1

@@ -75,7 +75,7 @@ def practice(options, path: Path, guide: Dialog) -> Iterator[Practice]:
     """Yield a simulated strip with a simulated finger, which a person's session moves.
 
     The options are ``sensor``, ``seed`` and ``length_mm``, see
-    `spots.calibrate.session.practice.practise`. SettingError if the sensor file is invalid, or has
+    `spots.calibrate.session.practice.practise`. SpotsError if the sensor file is invalid, or has
     another length than the options.
     """
     options = given(options)

@@ -181,9 +181,8 @@ def _weights(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the channel weights for the position and those for the force, in one segment.
 
-    `curve` has log2 of the counts along the strip, `noise` is that of the sensor, and `part` is the
-    pair of start and end of the segment, in um. `has_table` is whether the segment gets a table of
-    knots.
+    `part` is the pair of start and end of the segment, in um. `has_table` is whether the segment
+    gets a table of knots.
     """
     information = 1 / noise.log_variance(2.0 ** curve.logs(np.mean(part)))
     # With the mean slope of the segment, the mean error of the force in the segment is 0.

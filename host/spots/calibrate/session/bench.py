@@ -202,11 +202,9 @@ class Bench:
         self.holds.append((begin_s, end_s))
 
     def _held(self, noise: Noise | None, kind: str, before: float | None = None) -> Reading:
-        """Wait for a steady press and return its reading.
+        """Wait for a steady press and return its reading; `BadPressError` if the press is invalid.
 
-        Raises `BadPressError` if the press is invalid. `noise` is the noise of the sensor, or None
-        if unknown; `kind` is the kind of the press, see `session.Wanted`. `before` is the sum of
-        the counts before a change of the force; None without a change.
+        `before` is the sum of the counts before a change of the force; None without a change.
         """
         end_s = self.reader.board.now_s() + self.presser.patience_s
         reason: BadPressError = TooDarkError("no press is seen")
@@ -246,9 +244,8 @@ class Bench:
 def _check_steady(reading: Reading, noise: Noise | None, window: int, kind: str) -> None:
     """Raise `BadPressError` if a short reading has light in no channel, or is not steady.
 
-    `noise` is the noise of the sensor, or None if unknown. `window` is the number of samples in the
-    reading. `kind` is the kind of the press: for ``mark`` and ``hand``, the brightness may change
-    more, because a finger trembles.
+    `window` is the number of samples in the reading. For the kinds ``mark`` and ``hand``, the
+    brightness may change more, because a finger trembles.
     """
     if reading.unlit:
         raise TooDarkError("no press is seen")

@@ -35,7 +35,7 @@ def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
 
     It is valid for the board's present settings. ``ask(text)`` returns when the person has done
     what it asks. Returned are the six dark counts, summed over `decode.DARK_SAMPLES` samples.
-    BoardError if the board can switch its LED off itself, or is disconnected.
+    BoardError if the board can switch its LED off itself.
     """
     state = board.command("get")
     if state["led"] != "always":

@@ -69,8 +69,8 @@ def practise(options: argparse.Namespace, kind: str, count: int, guide: Dialog) 
 
     The options are ``sensor`` and ``seed`` of the simulated strip; ``channels`` and
     ``keep_settings`` as for `steps.calibrate`; ``length_mm``, which must be None or the length of
-    the simulated strip. `kind` is ``fine`` or ``rough``; `count` is 0 for the default.
-    RequirementError if there is no simulator; CalibrationError if the session ends early.
+    the simulated strip. `kind` is ``fine`` or ``rough``; `count` is 0 for the default. SpotsError
+    if there is no simulator, or the session ends early.
     """
     begin: Callable[..., AbstractContextManager[Practice]] | None = offered("virtual", "practice")
     if begin is None:
