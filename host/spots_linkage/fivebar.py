@@ -6,9 +6,11 @@ for joint angles. The base joints lie at (0, 0) and (base, 0). Each joint's angl
 +y towards the other joint. Functions take scalars or arrays.
 """
 
+from collections.abc import Sequence
 from enum import IntEnum
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spots.errors import SettingError, SpotsError
 
@@ -337,7 +339,14 @@ class Linkage:
         return u1, u2, u1[0] * u2[1] - u1[1] * u2[0]
 
 
-def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
+def assembled(
+    bar_mm: Sequence[float],
+    base_mm: float,
+    side: int,
+    theta1: ArrayLike,
+    theta2: ArrayLike,
+    least: float = 0.0,
+):
     """Return the position of the end point for two joint angles; do not check that it exists.
 
     The outer bars are the radii of two circles around the elbows. The end point is one of the two
@@ -382,7 +391,7 @@ def _arm(x, y, inner, outer):
     return wrapped, _bar_limits(reach, inner, outer, *codes)
 
 
-def _bar_limits(apart, a, b, beyond, within, meet):
+def _bar_limits(apart: ArrayLike, a: float, b: float, beyond: Limit, within: Limit, meet: Limit):
     """Return the `Limit` codes of two bars of lengths `a` and `b` that are joined at one end.
 
     The codes `beyond`, `within` and `meet` are for free ends that are too far apart, too close
@@ -414,7 +423,7 @@ def _arrays(what, first, second):
     return found
 
 
-def _answer(solve, what, first, second):
+def _answer(solve, what: str, first: ArrayLike, second: ArrayLike):
     """Call `solve`; raise LimitError or mask elements where the linkage has no solution.
 
     ``solve(first, second)`` returns the results and, as last value, the `Limit` codes. LimitError

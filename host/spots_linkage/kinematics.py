@@ -344,7 +344,7 @@ def framed(values, x_mm, y_mm):
     )
 
 
-def _identified(jacobian, names, misfit):
+def _identified(jacobian: np.ndarray, names: tuple[str, ...], misfit: float):
     """Find out which of p parameters the points of a fit determine.
 
     `jacobian` is the whitened one of `_Fit.jacobian`, shape (2n, p); `misfit` is that of

@@ -14,13 +14,14 @@ import argparse
 import json
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 
 import msgspec
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spots.calibrate.session.dark import take_dark
 from spots.calibrate.session.guide import Guide
@@ -68,7 +69,9 @@ class Measured:
     misfit: float
 
 
-def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measured:
+def strength(
+    sensor: SensorFile, length_mm: float, plan: Sequence[str], clear: ArrayLike, dyed: ArrayLike
+) -> Measured:
     """Compute the strength of a test piece's dye from counts through it and through a clear piece.
 
     The counts, shape (6,), are dark-subtracted. `sensor` has the spectra of LED and dye; its dye

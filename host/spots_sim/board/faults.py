@@ -60,7 +60,7 @@ class Spells:
     """
 
     def __init__(
-        self, moments: Moments, seconds: float, from_s: float, rng, kind, ledger: FaultLedger
+        self, moments: Moments, seconds: float, from_s: float, rng, kind: str, ledger: FaultLedger
     ):
         self._last_us = 1000 * moments.last_ms
         fixed = _repeated(sorted(moments.at_s), seconds, from_s)
@@ -117,7 +117,9 @@ class Damage:
 
     _KEPT = 1 << 20
 
-    def __init__(self, file: SerialFaults, bursts: Spells, from_s: float, rng, kind, ledger):
+    def __init__(
+        self, file: SerialFaults, bursts: Spells, from_s: float, rng, kind: str, ledger: FaultLedger
+    ):
         shares = file.flip_percent, file.drop_percent, file.double_percent, file.insert_percent
         self._edges = np.cumsum(shares) / 100
         self._in_burst = np.arange(1, 5) * file.bursts.damage_percent / 400
@@ -296,7 +298,7 @@ class BoardFaults:
         self._resets = faults.spells("power.sensor_resets")
         self._brown_outs = faults.spells("power.brown_outs")
 
-    def step(self, bus) -> float | None:
+    def step(self, bus: I2CBus | FaultyBus) -> float | None:
         """Apply the faults that have begun; return the duration of a brown-out in us, or None.
 
         At a brown-out, the caller must stop the board, wait for this duration, call

@@ -6,6 +6,7 @@ The bound is computed from the simulated optics and noise. It does not depend on
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -33,7 +34,14 @@ class Bound:
     """
 
     def __init__(
-        self, sensor: SensorFile, plan, gain: int, exposure_us, led_mA, average=1, change=NONE
+        self,
+        sensor: SensorFile,
+        plan: Sequence[str],
+        gain: int,
+        exposure_us: float,
+        led_mA: float,
+        average: int = 1,
+        change=NONE,
     ):
         led_mA = sensor.led.current_mA(led_mA)
         optics = Optics(sensor, change, sensor.temperature.led_K_per_mA * led_mA)  # warm LED
@@ -53,7 +61,14 @@ class Bound:
         )
         self._pedestal = dark + outside[self._columns]
 
-    def counts(self, position_um, force_mN, width_mm=4.0, strain=0.0, bend_deg=0.0):
+    def counts(
+        self,
+        position_um: float,
+        force_mN: float,
+        width_mm: float = 4.0,
+        strain: float = 0.0,
+        bend_deg: float = 0.0,
+    ):
         """Return the six expected counts of one sample, without dark counts and ambient light.
 
         `position_um` is counted from the sensor's end; `strain` is elongation by length at rest.
@@ -98,7 +113,7 @@ class Bound:
         ahead, back = (self._coupling(force_mN + step) for step in (_STEP_MN, -_STEP_MN))
         return math.hypot(light, self._led) / (math.log(ahead / back) / (2 * _STEP_MN))
 
-    def sigma(self, position_um, force_mN, **press) -> tuple[float, float]:
+    def sigma(self, position_um: float, force_mN: float, **press) -> tuple[float, float]:
         """Return the least standard deviations of position in um and of ln(coupled light).
 
         `press` has further parameters of `counts`.

@@ -6,6 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spots.common import atomic
 from spots.errors import FileError, missing
@@ -94,7 +95,7 @@ def label(axis, title: str, x: str, y: str, **limits) -> None:
     axis.set(xlabel=x, ylabel=y, **limits)
 
 
-def line(axis, i: int, x, y, name=None, **options) -> None:
+def line(axis, i: int, x: ArrayLike, y: ArrayLike, name: str | None = None, **options) -> None:
     """Draw points joined by a line in colour and marker number `i`, with `name` in the legend."""
     style = {"color": _COLOURS[i], "marker": _MARKERS[i], "markersize": 4, "linewidth": 1.3}
     axis.plot(x, y, label=name, **(style | options))

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spots.calibrate.fit.fit import fit
 from spots.calibrate.fit.presses import Noise
@@ -95,7 +98,7 @@ class Rig:
         self.stage.held.changed, self.stage.by_hand = changed, by_hand
         self._use()
 
-    def shift(self, place_um, shifts) -> None:
+    def shift(self, place_um: Sequence[float], shifts: ArrayLike) -> None:
         """Correct the calibration on the board as a re-zero does; see `spots.calibrate.fit.shift`.
 
         `shifts` has shape (n, 6) in units of log2: n marks, six channels.

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spots.calibrate.calibration_file import CalibrationFile, now
 from spots.calibrate.session.joint import fit_joint, joint_marks
@@ -172,7 +173,7 @@ class Simulation:
         """Stop the boards."""
         self._opened.close()
 
-    def encoders(self, offset_rad=None) -> tuple[Encoder, Encoder]:
+    def encoders(self, offset_rad: Sequence[float] | None = None) -> tuple[Encoder, Encoder]:
         """Return an `Encoder` for each joint; the mounting angles are the true ones by default."""
         offset_rad = self.mechanism.zero_rad if offset_rad is None else offset_rad
         return tuple(Encoder(strip.joint, one) for strip, one in zip(self.strips, offset_rad))
@@ -267,8 +268,8 @@ def _seeds(seed: int, what: int) -> list[int]:
 def visited(
     sensor: SensorFile,
     linkage: LinkageFile,
-    x_mm,
-    y_mm,
+    x_mm: ArrayLike,
+    y_mm: ArrayLike,
     seed: int,
     exposure_us: int,
     run: int = 0,

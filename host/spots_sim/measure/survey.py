@@ -193,7 +193,9 @@ def follow(
     return PathRun(motion, true, terminals, np.hypot(found[1] - x_mm, found[2] - y_mm), lost)
 
 
-def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndarray, np.ndarray]:
+def working(
+    linkage: Linkage, mechanism: Mechanism, x_mm: np.ndarray, y_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return those positions that are in the workspace.
 
     In the workspace, y > 0, both joints are within their travel, and the angle between the outer

@@ -5,6 +5,8 @@ A load is a press whose force rises, may stay constant for some time, and falls 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from spots.calibrate.fit.silicone import fit_silicone
@@ -42,7 +44,13 @@ def points(loads) -> list[list[tuple[float, float, float]]]:
     return found
 
 
-def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
+def record(
+    sensor: SensorFile,
+    lines: Sequence[str],
+    loads: Sequence[tuple[float, float, float, float]],
+    seed: int = 0,
+    led: str = "",
+):
     """Press a simulated strip with a series of loads, and read the strip through the firmware.
 
     Each load is its position as a share of the length, its largest force in mN, the duration of the
@@ -75,7 +83,7 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
     return np.array([time_s, force_mN, read_mN, place, read_um])
 
 
-def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
+def silicone_lines(sensor: SensorFile, lines: Sequence[str], led: str = "") -> tuple[str, ...]:
     """Measure hysteresis and creep of a simulated strip, so that the board can compensate them.
 
     `lines` is a calibration that compensates neither effect; the table ``[change]`` is ignored.
@@ -96,7 +104,9 @@ def set_light(board: Board, sensor: SensorFile, led: str, number: int = 0) -> No
         board.command(of_sensor("set " + led, number))
 
 
-def loaded(loads, time_s) -> tuple[np.ndarray, np.ndarray]:
+def loaded(
+    loads: Sequence[tuple[float, float, float, float]], time_s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return true force in mN and position (share of the length) of loads of `record` at times."""
     whole = np.array(points(loads))
     force_mN = np.interp(time_s, whole[:, :, 0].ravel(), whole[:, :, 2].ravel())

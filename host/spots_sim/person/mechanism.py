@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spots.errors import SettingError
 
@@ -79,7 +80,7 @@ class Mechanism:
         self._first_mm = JOINT_TRAVEL[0] * sensor.length_mm
         self.travel_deg = sensor.joint_travel_deg
 
-    def angles_deg(self, x_mm, y_mm) -> np.ndarray:
+    def angles_deg(self, x_mm: ArrayLike, y_mm: ArrayLike) -> np.ndarray:
         """Return the angles of joint 1 and 2, as in the joint's calibration, for positions.
 
         The shape is (2, ...); NaN if the linkage cannot reach a position.
@@ -91,7 +92,7 @@ class Mechanism:
         zero_rad = np.reshape(self.zero_rad, (2,) + (1,) * x_mm.ndim)
         return np.degrees(angles - zero_rad)
 
-    def reaches(self, x_mm, y_mm) -> np.ndarray:
+    def reaches(self, x_mm: ArrayLike, y_mm: ArrayLike) -> np.ndarray:
         """Return whether both indenters are within their travel at positions of the end point."""
         angles_deg = self.angles_deg(x_mm, y_mm)
         return ((angles_deg >= 0) & (angles_deg <= self.travel_deg)).all(axis=0)
@@ -133,7 +134,14 @@ class JointScenario:
     still = False
     unplugged = False
 
-    def __init__(self, time_s, place_mm, bend_deg, force_mN: float, again: bool = False):
+    def __init__(
+        self,
+        time_s: np.ndarray,
+        place_mm: np.ndarray,
+        bend_deg: np.ndarray,
+        force_mN: float,
+        again: bool = False,
+    ):
         self._time_s, self._place_mm, self._bend_deg = time_s, place_mm, bend_deg
         self._force_mN = force_mN
         self._period_s = float(time_s[-1] - time_s[0]) if again else math.inf
@@ -197,7 +205,9 @@ def guided(file: PathFile, start_s: float = 0.0) -> Motion:
     )
 
 
-def dwelling(x_mm, y_mm, start_s: float, dwell_s: float, move_s: float) -> Motion:
+def dwelling(
+    x_mm: ArrayLike, y_mm: ArrayLike, start_s: float, dwell_s: float, move_s: float
+) -> Motion:
     """Return a motion that stops at each position; in between, the joints turn at constant speed.
 
     It arrives at the first position at `start_s`.

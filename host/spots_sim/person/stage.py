@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from spots.calibrate.fit.fit import fit
@@ -116,7 +118,7 @@ class Stage:
         """Lift the indenter."""
         self.held.press = None
 
-    def read(self, places_um, forces_mN, samples: int) -> Presses:
+    def read(self, places_um: Sequence[float], forces_mN: Sequence[float], samples: int) -> Presses:
         """Press at each position with each force; each reading is a mean over `samples`.
 
         The rows are first all positions with the first force, then all positions with the second
@@ -174,7 +176,7 @@ def calibrate(sensor: SensorFile, exposure_us: int | None = None) -> tuple[str, 
     return _calibrated(sensor, exposure_us)[0]
 
 
-def strip_lines(lines, number: int) -> list[str]:
+def strip_lines(lines: Sequence[str], number: int) -> list[str]:
     """Return the calibration lines of strip 0, changed so that they are valid for another strip."""
     end = f"-{number}" if number else ""
     return [line + end if line.startswith("board ") else line for line in lines]
@@ -193,7 +195,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
             raise CalibrationError(f"the press at {where_mm:g} mm is {trouble}")
 
 
-def board_lines(lines, board_id: str) -> list[str]:
+def board_lines(lines: Sequence[str], board_id: str) -> list[str]:
     """Return calibration lines, changed so that they are valid for another board."""
     return [f"board {board_id}" if line.startswith("board ") else line for line in lines]
 

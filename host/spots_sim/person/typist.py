@@ -71,7 +71,12 @@ class Typist:
     """
 
     def __init__(
-        self, layout: KeyLayout, length_mm: float, rng, pause_s=(0.12, 0.3), start_s: float = 0.5
+        self,
+        layout: KeyLayout,
+        length_mm: float,
+        rng,
+        pause_s: tuple[float, float] = (0.12, 0.3),
+        start_s: float = 0.5,
     ):
         self._layout = layout
         self._length_mm = length_mm

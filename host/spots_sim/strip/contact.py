@@ -46,7 +46,7 @@ class Sticking:
         self._held: list[tuple[float, float, float]] = []  # place, width and contact of presses
         self._time_s = 0.0
 
-    def remaining(self, presses, shares, time_s: float) -> np.ndarray | None:
+    def remaining(self, presses, shares: list[float], time_s: float) -> np.ndarray | None:
         """Return the remaining contact in addition to that of the presses, as a share by cell.
 
         None if no contact remains. The time must never decrease.

@@ -38,7 +38,7 @@ class DyedPath:
         )
         self.is_even = not (self._swing or self._pieces or self._bent[2])
 
-    def at(self, place_mm, bend_deg: float) -> tuple:
+    def at(self, place_mm: float | np.ndarray, bend_deg: float) -> tuple:
         """Return the path to a place on the unstretched strip, and its derivative by the place."""
         start_mm, long_mm, longer = self._bent
         bent = start_mm, long_mm, longer * bend_deg / _BENT_DEG

@@ -50,7 +50,11 @@ def passes(present: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return first, tuple(others) + first[::2]
 
 
-def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choice:
+def choose(
+    plans: tuple[tuple[str, ...], tuple[str, ...]],
+    measured: tuple[Presses, Presses],
+    full_scale: float,
+) -> Choice:
     """Return the plan with the least expected noise of the position.
 
     The result is the plan of the first pass if its noise is at most 3 % larger. The plans are those

@@ -14,6 +14,7 @@ from itertools import product
 
 import numpy as np
 from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike
 
 from .presses import Noise, Presses
 
@@ -39,7 +40,7 @@ class Change:
     lights: tuple[float, float]
     coefficients: np.ndarray
 
-    def logs(self, x_um, light) -> np.ndarray:
+    def logs(self, x_um: ArrayLike, light: ArrayLike) -> np.ndarray:
         """Return the changes of log2 of the counts of presses, shape (..., c).
 
         Positions and brightnesses have the same shape (...). The mean of the channels is 0, because
@@ -51,7 +52,12 @@ class Change:
 
 
 def change(
-    pressed: Presses, off: np.ndarray, light: np.ndarray, slopes: np.ndarray, noise: Noise, ends_um
+    pressed: Presses,
+    off: np.ndarray,
+    light: np.ndarray,
+    slopes: np.ndarray,
+    noise: Noise,
+    ends_um: np.ndarray,
 ) -> Change | None:
     """Fit the change of the spectrum with the force; None if noise explains the differences.
 

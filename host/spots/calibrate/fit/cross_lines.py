@@ -7,8 +7,11 @@ of each channel matches the sums of all segments.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike
 
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.calibration_lines import ONE_Q13
@@ -30,7 +33,7 @@ class CrossLines:
     It is that of the lines of a calibration, see `spots_device.reading.calibration_lines`.
     """
 
-    def __init__(self, lines):
+    def __init__(self, lines: Sequence[str]):
         self._table = Calibration(lines)
         self._decode = Decoded()
         self._decode.calibration = self._table
@@ -39,7 +42,7 @@ class CrossLines:
         if self._has_cross:
             self._coefficients = self._solve()
 
-    def logs(self, x_um: float, counts) -> np.ndarray:
+    def logs(self, x_um: float, counts: ArrayLike) -> np.ndarray:
         """Return the change of log2 of each channel's counts in a press.
 
         The counts are dark-subtracted, at the exposure of the calibration. Zeros if the calibration

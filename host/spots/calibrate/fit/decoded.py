@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.decode import (
     BOUNDS,
@@ -35,7 +37,7 @@ class Segment:
     misfit.
     """
 
-    def __init__(self, tables, place):
+    def __init__(self, tables: memoryview, place: int):
         self.position = tables[place : place + CHANNELS]
         self.force = tables[place + CHANNELS : place + 2 * CHANNELS]
         columns = columns_of(tables, place + 2 * CHANNELS, 4 + 2 * bool(tables[CROSS]))
@@ -83,7 +85,7 @@ class Decoded(Decode):
         except ValueError:
             raise AttributeError(name) from None
 
-    def update(self, sums, samples, dark, flags):
+    def update(self, sums: Sequence[int], samples: int, dark: Sequence[int], flags: int):
         """Decode one reading of 1 to `AVERAGE_MAX` samples.
 
         `sums` are counts over these samples, `dark` are sums over the number of samples that
@@ -97,7 +99,7 @@ class Decoded(Decode):
             self.state[FLOOR + i] = dark[i]
         estimate(self.state, self.tables, flags)
 
-    def update_mean(self, counts):
+    def update_mean(self, counts: Sequence[float]):
         """Decode mean dark-subtracted counts; a negative count is taken as 0."""
         sums = [max(round(_MEAN_SAMPLES * count), 0) for count in counts]
         self.update(sums, _MEAN_SAMPLES, [0] * CHANNELS, 0)

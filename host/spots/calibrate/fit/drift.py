@@ -9,7 +9,10 @@ like a small shift of the LED.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .choose import DIODES
 
@@ -27,7 +30,9 @@ _WORDS = (
 )
 
 
-def described(place_um, logs, shifts, plan) -> str:
+def described(
+    place_um: Sequence[float], logs: ArrayLike, shifts: ArrayLike, plan: Sequence[str]
+) -> str:
     """Describe the probable causes of a drift of the channels in words, or ``no drift``.
 
     `place_um` are the distances of n marks from the strip's end at the sensor, ascending. A drift

@@ -9,6 +9,8 @@ segments. Weak regularisation towards straight curves makes the solution unique.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.polynomial import chebyshev
 
@@ -28,7 +30,7 @@ _SUM_SIGMA, _MISFIT_SIGMA = 5e-5, 1e-4
 _COEFFICIENT_SIGMA = 3.0
 
 
-def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def expected(lines: Sequence[str], strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Return n positions along the strip in um, and the expected log2 of the counts there, (n, 6).
 
     The counts are those of presses whose brightness, as the board computes it in log2 units, is 0.

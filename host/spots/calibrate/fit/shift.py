@@ -9,8 +9,11 @@ sum with the weights w_i changes by the sum of w_i c_i(x). The weights do not ch
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.polynomial import polynomial
+from numpy.typing import ArrayLike
 
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.calibration_lines import ONE_Q13
@@ -23,12 +26,12 @@ from ...errors import CalibrationError
 from .fit import ONE_Q12
 
 
-def drift_at(x_um: float, place_um, shifts) -> np.ndarray:
+def drift_at(x_um: float, place_um: Sequence[float], shifts: ArrayLike) -> np.ndarray:
     """Return the drift of log2 of each channel at a position, from that at the marks."""
     return polynomial.polyval(x_um, _curve(place_um, shifts))
 
 
-def shifted(lines, place_um, shifts) -> list[str]:
+def shifted(lines: Sequence[str], place_um: Sequence[float], shifts: ArrayLike) -> list[str]:
     """Return the lines of a calibration after a drift of its channels.
 
     The tables of all strains shift by the same c_i(x), see the module docstring: a polynomial of

@@ -248,7 +248,7 @@ class Surface:
         still = _STILL / (np.maximum(counts, 0.1) * np.log(2)) ** 2
         return noise + still + self.sizes.misfit**2
 
-    def logs(self, place_um, force_mN) -> np.ndarray:
+    def logs(self, place_um: np.ndarray, force_mN: np.ndarray) -> np.ndarray:
         """Return log2 of the expected counts of n presses, shape (n, 6)."""
         return self._rows(place_um, force_mN) @ self._mean
 
@@ -326,7 +326,7 @@ class Surface:
         ]
         return np.array(pairs).transpose(1, 0, 2)
 
-    def presses(self, place_um, force_mN) -> Presses:
+    def presses(self, place_um: np.ndarray, force_mN: np.ndarray) -> Presses:
         """Return presses without noise, with the counts that this fit expects."""
         counts = 2.0 ** self.logs(place_um, force_mN)
         saturated = np.zeros(len(counts), dtype=bool)
