@@ -140,6 +140,11 @@ def _export(options: argparse.Namespace) -> None:
         raise SettingError(
             "--mjcf writes the linkage of a linkage file: leave out all options except --linkage"
         )
+    if not options.linkage.endswith(".toml"):
+        raise SettingError(
+            f"--mjcf cannot write the simulated linkage '{options.linkage}': name a linkage file "
+            "of real boards; docs/play/linkage.md shows how to write one"
+        )
     linkage = mounted.load(options.linkage).linkage
     write_text(mjcf(linkage), options.mjcf, None)
     print(f"wrote a model for MuJoCo: {printable(options.mjcf)}")

@@ -86,3 +86,5 @@ def test_the_command_writes_a_new_file(tmp_path, monkeypatch, capsys):
     assert main(["twin", "--linkage", "arm.toml", "--mjcf", "new.xml", "--json"]) == 2
     assert "--mjcf writes the linkage" in capsys.readouterr().err
     assert not (tmp_path / "new.xml").exists()
+    assert main(["twin", "--linkage", "default", "--mjcf", "new.xml"]) == 2
+    assert "the simulated linkage 'default'" in capsys.readouterr().err

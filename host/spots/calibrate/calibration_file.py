@@ -36,7 +36,7 @@ _HEAD = f"""\
 version = {VERSION}
 """
 _COMMENTS = {
-    "lines": "# Calibration lines for the board, see docs/extend/protocol.md.",
+    "lines": "# Calibration lines for the board, see docs/extend/files-on-the-board.md.",
     "original": "# Calibration lines before the first re-zero.",
     "joint": "# angle in degrees = zero_deg + deg_per_um * position in um",
     "marks": "# log2 of the counts of presses that 'spots rezero' repeats.",
