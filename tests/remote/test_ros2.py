@@ -116,8 +116,8 @@ def _same(one, other):
 
 @pytest.mark.board
 @pytest.mark.parametrize("kind", [*types().values(), FRAME, "sensor_msgs/msg/JointState"])
-def test_ten_thousand_messages_of_each_type_are_decoded_identically(kind):
-    decode_all(kind, 10_000)
+def test_a_thousand_messages_of_each_type_are_decoded_identically(kind):
+    decode_all(kind, 1000)
 
 
 def decode_all(kind, count):
