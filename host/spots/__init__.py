@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from .errors import SpotsError
     from .link.board import Board
     from .link.connect import open
-    from .link.frames import Contact, Decoder, Key, LinkStats, Note, Spectrum, Text, Touch
+    from .link.decoder import Decoder
+    from .link.frames import Contact, Key, LinkStats, Note, Spectrum, Text, Touch
     from .recording.arrays import Arrays, RecordingBlocks, read_arrays
     from .recording.dataframe import read_dataframe
     from .recording.recalibrate import recalibrated
@@ -28,7 +29,8 @@ _NAMES = {
     "errors": ("SpotsError",),
     "link.board": ("Board",),
     "link.connect": ("open",),
-    "link.frames": ("Contact", "Decoder", "Key", "LinkStats", "Note", "Spectrum", "Text", "Touch"),
+    "link.decoder": ("Decoder",),
+    "link.frames": ("Contact", "Key", "LinkStats", "Note", "Spectrum", "Text", "Touch"),
     "recording.arrays": ("Arrays", "RecordingBlocks", "read_arrays"),
     "recording.dataframe": ("read_dataframe",),
     "recording.recalibrate": ("recalibrated",),

@@ -6,7 +6,8 @@ from contextlib import ExitStack
 
 from spots.errors import BoardError, PortError
 from spots.link.board import Board
-from spots.link.frames import Reading, whole
+from spots.link.decoder import whole
+from spots.link.frames import Reading
 from spots.link.lines import of_sensor
 from spots.terminal.view import Pace
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from spots.link.frames import Decoder
+from spots.link.decoder import Decoder
 from spots.recording.arrays import read_arrays
 from spots.recording.header import VERSION, Clock, Header, encoded
 from spots_device import PROTOCOL

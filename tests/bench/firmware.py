@@ -21,7 +21,7 @@ import spots_device
 from spots.deploy.constants import inline
 from spots.deploy.staging import use_viper
 from spots.errors import SpotsError
-from spots.link.frames import Decoder
+from spots.link.decoder import Decoder
 from spots_sim.board.vm import micropython_command
 from spots_sim.strip.files import SensorFile
 

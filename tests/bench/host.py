@@ -7,7 +7,8 @@ from collections.abc import Callable
 from statistics import median
 from time import process_time
 
-from spots.link.frames import Decoder, Touch
+from spots.link.decoder import Decoder
+from spots.link.frames import Touch
 
 _ROUNDS = 15
 _COPIES = 16

@@ -16,7 +16,7 @@ from time import perf_counter
 
 from support.touch_framer import TouchFramer
 
-from spots.link.frames import Decoder
+from spots.link.decoder import Decoder
 from spots.recording.export import EXPORTS, export
 from spots.recording.recording import Recording
 from spots.recording.replay import open_recording

@@ -26,7 +26,8 @@ from msgspec.json import encode
 
 from spots.common.guarded import Guarded
 from spots.link.board import Board
-from spots.link.frames import Decoder, Reading, Touch
+from spots.link.decoder import Decoder
+from spots.link.frames import Reading, Touch
 from spots_net.outlet import Outlet, values
 from spots_net.publishing import publish, stream
 

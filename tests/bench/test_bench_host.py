@@ -7,7 +7,7 @@ from support.touch_framer import TouchFramer
 
 from bench import arrays, host
 from bench.report import _host, _text
-from spots.link.frames import Decoder
+from spots.link.decoder import Decoder
 from spots.recording import arrays as of_recordings
 
 

@@ -10,7 +10,8 @@ from support.sensors import replaced
 from spots.deploy.staging import stage
 from spots.link.board import Board
 from spots.link.connect import upload
-from spots.link.frames import Decoder, Text, Touch
+from spots.link.decoder import Decoder
+from spots.link.frames import Text, Touch
 from spots_device.reading.decode import DROPPED
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.board.vm import HEAP_BYTES

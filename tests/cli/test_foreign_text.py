@@ -30,7 +30,8 @@ from spots.controller import controller_setup, stick
 from spots.deploy import place
 from spots.keyboard import layout
 from spots.link import serial_link as link
-from spots.link.frames import LinkStats, note
+from spots.link.decoder import note
+from spots.link.frames import LinkStats
 from spots.outputs.devices import REST
 from spots.terminal.view import StripView
 from spots_linkage import twin_view

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from support.fault_streams import damaged, frames
 
-from spots.link.frames import Decoder
+from spots.link.decoder import Decoder
 
 COUNT = 50
 MULTIPLE = 200_000
@@ -132,7 +132,7 @@ def test_many_damages_of_several_bytes(stream):
 
 
 def test_a_decoder_that_does_not_look_at_the_crc_is_found_out(stream, monkeypatch):
-    from spots.link import frames as module
+    from spots.link import decoder as module
 
     monkeypatch.setattr(module, "checked", lambda piece: _unchecked(piece))
     rng = np.random.default_rng(0)

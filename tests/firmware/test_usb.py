@@ -11,7 +11,7 @@ from unittest.mock import Mock
 
 import pytest
 
-from spots.link.frames import Decoder
+from spots.link.decoder import Decoder
 from spots_device.board.outputs import INTERFACES
 from spots_device.keys.reports import (
     GAMEPAD_DESCRIPTOR,

@@ -11,7 +11,8 @@ from types import SimpleNamespace
 
 from support.smallint import small
 
-from spots.link.frames import Decoder, Touch
+from spots.link.decoder import Decoder
+from spots.link.frames import Touch
 from spots_device.board.settings import checksum
 from spots_device.fingers.state import TICKS
 from spots_device.reading.decode import MISFIT, TOO_DARK, TOUCHING

@@ -30,7 +30,8 @@ from spots.controller import controller_settings
 from spots.controller.gamepad_engine import Controller
 from spots.errors import SpotsError
 from spots.keyboard import keys, layout
-from spots.link.frames import ENCODED_MAX, Decoder, Touch
+from spots.link.decoder import ENCODED_MAX, Decoder
+from spots.link.frames import Touch
 from spots.recording.export import EXPORTS, export
 from spots.recording.info import report, summary
 from spots.terminal.view import StripView, plain

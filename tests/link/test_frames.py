@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.frames import encoded, stream, touch
 
-from spots.link.frames import Decoder, Key, Note, Spectrum, Text, Touch
+from spots.link.decoder import Decoder
+from spots.link.frames import Key, Note, Spectrum, Text, Touch
 from spots_device.reading.frame import TEXT_MAX
 
 

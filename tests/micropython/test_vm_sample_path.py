@@ -6,7 +6,8 @@ A scene is the light on the sensor and the state of the board for some time, see
 
 import pytest
 
-from spots.link.frames import Contact, Decoder, Key, Spectrum, Touch
+from spots.link.decoder import Decoder
+from spots.link.frames import Contact, Key, Spectrum, Touch
 from spots_device.fingers.contacts import (
     CONFIRMED,
     DOWN,

@@ -20,7 +20,7 @@ from support.same_arrays import check, recording_of
 import spots
 from spots.errors import FileError
 from spots.link.clockmap import ClockMap
-from spots.link.frames import ENCODED_MAX, checked, note
+from spots.link.decoder import ENCODED_MAX, checked, note
 from spots.recording import arrays
 from spots.recording.columns import SIZE_MAX, payloads
 from spots_device.reading import frame

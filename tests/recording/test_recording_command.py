@@ -14,7 +14,8 @@ from support.reels import record, recorder, replayed
 import spots
 from spots import cli
 from spots.calibrate import calibration_file as file
-from spots.link.frames import Spectrum, Touch, note
+from spots.link.decoder import note
+from spots.link.frames import Spectrum, Touch
 from spots.recording.header import Clock, Header, encoded
 from spots.terminal.view import plain
 from spots_device.reading.calibration import Conditions

@@ -19,7 +19,7 @@ from support.frames import encoded, touch
 from support.reels import INFO, clock, record, recorder, replayed
 
 import spots
-from spots.link.frames import Decoder, note
+from spots.link.decoder import Decoder, note
 from spots.recording.recording import Recording
 from spots.recording.writer import Writer
 

@@ -11,7 +11,8 @@ import pytest
 from bench import recording as bench
 
 from spots import cli
-from spots.link.frames import Decoder, Note, note
+from spots.link.decoder import Decoder, note
+from spots.link.frames import Note
 from spots.recording.arrays import _TABLES
 from spots.recording.header import Header
 

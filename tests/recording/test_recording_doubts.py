@@ -7,7 +7,8 @@ import pytest
 from support.recording_pieces import at, spread
 
 from spots import Recording, RecordingBlocks, SpotsError, cli, open_recording, read_arrays
-from spots.link.frames import Decoder, Note, Touch
+from spots.link.decoder import Decoder
+from spots.link.frames import Note, Touch
 from spots.recording import replay
 
 

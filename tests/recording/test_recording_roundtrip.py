@@ -17,7 +17,8 @@ from spots.controller.controller_settings import load as load_settings
 from spots.errors import FileError, StateError
 from spots.keyboard.keyboard import type_on
 from spots.keyboard.layout import load as load_layout
-from spots.link.frames import Contact, Decoder, Key, Spectrum, Text, Touch, note
+from spots.link.decoder import Decoder, note
+from spots.link.frames import Contact, Key, Spectrum, Text, Touch
 from spots.outputs.devices import PrintedGamepad, PrintedKeyboard
 from spots.recording import replay
 from spots.recording.writer import ARRIVAL_STEP_S

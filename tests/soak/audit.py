@@ -11,7 +11,8 @@ import sys
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
 
-from spots.link.frames import Decoder, Frame, Text, Touch
+from spots.link.decoder import Decoder
+from spots.link.frames import Frame, Text, Touch
 from spots.outputs.usages import MODIFIERS, MODIFIERS_FROM
 from spots_device.reading.decode import LED_OFF
 from spots_sim.strip.files import ScenarioFile

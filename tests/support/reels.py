@@ -6,7 +6,7 @@ import math
 
 from spots.errors import SpotsError
 from spots.link.clockmap import ClockMap
-from spots.link.frames import Decoder
+from spots.link.decoder import Decoder
 from spots.recording.recording import Recording
 from spots.recording.writer import Writer
 from spots_device import PROTOCOL

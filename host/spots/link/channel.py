@@ -9,7 +9,8 @@ from spots_device.board.command import NAME_MAX
 from ..errors import AtPromptError, ClosedError
 from .board_errors import in_words
 from .clocksync import ClockSync
-from .frames import Decoder, Frame, Key, LinkStats, Note, Reading, Text, Touch
+from .decoder import Decoder
+from .frames import Frame, Key, LinkStats, Note, Reading, Text, Touch
 from .lines import addressed
 from .link import POLL_S, FrameLink, Link, ReplyingLink
 from .newest import Newest

@@ -12,19 +12,8 @@ import numpy as np
 from spots_device.reading import frame
 from spots_device.reading.decode import CRC_SIZE, HEADER_SIZE
 
-from ..link.frames import (
-    LAYOUTS,
-    NOTE,
-    Contact,
-    Decoder,
-    Frame,
-    LinkStats,
-    Note,
-    Reading,
-    Text,
-    Touch,
-    position_known,
-)
+from ..link.decoder import LAYOUTS, NOTE, Decoder
+from ..link.frames import Contact, Frame, LinkStats, Note, Reading, Text, Touch, position_known
 from .columns import payloads
 from .header import Header
 from .recording import Mark, Recording

@@ -2,7 +2,7 @@
 
 A *piece* is an encoded frame without its delimiter.
 
-Each NumPy call processes one byte of every piece. So a piece takes about 100 ns; in `link.frames`,
+Each NumPy call processes one byte of every piece. So a piece takes about 100 ns; in `link.decoder`,
 which decodes one piece at a time, a piece takes microseconds.
 """
 

@@ -11,8 +11,9 @@ from spots_device import PROTOCOL
 
 from ..common import kinds
 from ..errors import FileError
+from ..link.decoder import Decoder, note
 from ..link.former_names import present
-from ..link.frames import Decoder, Note, note
+from ..link.frames import Note
 from ..link.replies import validated
 
 VERSION = 1

@@ -22,8 +22,8 @@ from spots_device.reading.kernel import TOUCH_BODY
 
 from ..calibrate.calibration_file import load
 from ..errors import CalibrationError, FileError, SettingError
+from ..link.decoder import NOTE, checked, framed
 from ..link.former_names import present
-from ..link.frames import NOTE, checked, framed
 from .arrays import Arrays, read_arrays
 from .export import Files
 from .header import Header, encoded

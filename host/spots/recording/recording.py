@@ -11,7 +11,8 @@ from ..common import kinds
 from ..common.bounded import open_regular
 from ..errors import FileError, SpotsError, path_text, printable
 from ..link.clockmap import ClockMap
-from ..link.frames import Decoder, Frame, LinkStats, Note
+from ..link.decoder import Decoder
+from ..link.frames import Frame, LinkStats, Note
 from .header import Clock, Header, read
 from .writer import part_path, parts_beside
 

@@ -14,7 +14,7 @@ from spots_device import __version__
 
 from ..common.atomic import exists
 from ..errors import SettingError, SpotsError, path_text
-from ..link.frames import note, whole
+from ..link.decoder import note, whole
 from .disk import Disk
 from .header import VERSION, Header, encoded
 
