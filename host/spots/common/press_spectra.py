@@ -23,21 +23,10 @@ _TINT_PLACES, _TINT_LIGHTS = 3, 6
 class PressSpectra:
     """Smooth curves of log2 of the counts of a firm press along the strip, one for each channel.
 
-    Parameters
-    ----------
-    lines : sequence of str
-        Lines of a calibration, see `spots_device.reading.calibration_lines`. At least two lines
-        ``spectrum`` are required.
+    The lines of a calibration, see `spots_device.reading.calibration_lines`, must have at least two
+    lines ``spectrum``. `plan` names the six channels; `ends_um` are the first and the last
+    position.
 
-    Attributes
-    ----------
-    plan : tuple of str
-        Names of the six channels.
-    ends_um : tuple of float
-        First and last position, in um.
-
-    Examples
-    --------
     >>> made = statements((0, 85_000), lambda x_um: x_um[:, None] * [1e-4] * 6)
     >>> PressSpectra(["plan F3 F4 F5 F6 F7 F8", *made]).logs(42_500).round(2).tolist()
     [4.25, 4.25, 4.25, 4.25, 4.25, 4.25]
