@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..chip.as7341 import GAIN
-from ..strip.change import NONE
+from ..strip.change import NONE, Change
 from ..strip.contact import coupling
 from ..strip.files import SensorFile
 from ..strip.optics import Optics
@@ -41,7 +41,7 @@ class Bound:
         exposure_us: float,
         led_mA: float,
         average: int = 1,
-        change=NONE,
+        change: Change = NONE,
     ):
         led_mA = sensor.led.current_mA(led_mA)
         optics = Optics(sensor, change, sensor.temperature.led_K_per_mA * led_mA)  # warm LED

@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 from spots.errors import SettingError
-from spots.keyboard.layout import KeyLayout, parts_of
+from spots.keyboard.layout import KeyLayout, PlacedKey, parts_of
 from spots.outputs.usages import KEYBOARD, USAGES, name_of, on_caps, usage_of
 from spots_device.keys import layout as lines_of
 
@@ -98,7 +98,7 @@ class Typist:
             for layer, key, slot in self._way(character):
                 self.do(self._rows[layer][key], slot)
 
-    def do(self, key, slot: str = "tap") -> None:
+    def do(self, key: PlacedKey, slot: str = "tap") -> None:
         """Add a touch that triggers an action of a key, at a random position on the key.
 
         The action `slot` is ``tap``, ``hold``, ``firm`` or ``double``.

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from .files import ContactFile
+from .scenario import Press
 
 
 def coupling(contact: ContactFile, force_mN: float) -> float:
@@ -46,7 +47,9 @@ class Sticking:
         self._held: list[tuple[float, float, float]] = []  # place, width and contact of presses
         self._time_s = 0.0
 
-    def remaining(self, presses, shares: list[float], time_s: float) -> np.ndarray | None:
+    def remaining(
+        self, presses: list[Press], shares: list[float], time_s: float
+    ) -> np.ndarray | None:
         """Return the remaining contact in addition to that of the presses, as a share by cell.
 
         None if no contact remains. The time must never decrease.
