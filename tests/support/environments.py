@@ -81,9 +81,17 @@ def _links(folder: Path, distributions: dict) -> None:
 
 
 def _link(site: Path, distribution) -> None:
-    """Link to all files of a distribution, with the compiled modules, which are valid there."""
+    """Link to the packages of a distribution as a whole, else to its files.
+
+    A folder that is no package may have files of other distributions, too.
+    """
     for file in distribution.files:
-        if ".." not in file.parts and distribution.locate_file(file).exists():
+        top = Path(distribution.locate_file(file.parts[0]))
+        if ".." in file.parts or (site / top.name).is_symlink():
+            continue
+        if (top / "__init__.py").exists() or top.suffix == ".dist-info":
+            (site / top.name).symlink_to(top)
+        elif distribution.locate_file(file).exists():
             (site / file).parent.mkdir(parents=True, exist_ok=True)
             (site / file).symlink_to(distribution.locate_file(file))
 
