@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from spots.common import atomic
-from spots.keyboard.layout import KeyLayout, compiled
+from spots.keyboard.key_layout import KeyLayout
+from spots.keyboard.layout import compiled
 from spots.keyboard.timing_picture import STYLE
 from spots.keyboard.trial import Span, Touch, played
 from spots.outputs.usages import MODIFIERS_FROM, USAGES, name_of

@@ -12,7 +12,7 @@ from typing import Any
 
 from spots.common.guarded import Guarded
 from spots.errors import BoardError, PortError, RefusedError, SpotsError
-from spots.keyboard.layout import KeyLayout
+from spots.keyboard.key_layout import KeyLayout
 from spots.link.board import Board
 from spots.link.calibrated import start_fault
 from spots.link.frames import (

@@ -16,13 +16,9 @@ from spots.common import toml
 from spots.controller import controller_settings
 from spots.errors import BoardError, ChangedError, FileError, SpotsError, printable
 from spots.keyboard import hosts, keys, timing_picture
-from spots.keyboard.layout import (
-    FLAVORS,
-    RELEASE_AFTER_MS,
-    KeyLayout,
-    compiled,
-    load,
-)
+from spots.keyboard.key_layout import FLAVORS, KeyLayout
+from spots.keyboard.layout import compiled, load
+from spots.keyboard.layout_format import RELEASE_AFTER_MS
 from spots.link.board import Board
 from spots.link.connect import ensured
 from spots.wearable import wearable

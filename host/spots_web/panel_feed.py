@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from spots.common.guarded import Guarded
-from spots.keyboard.layout import KeyLayout
+from spots.keyboard.key_layout import KeyLayout
 from spots.link.board import Board
 from spots.link.frames import Touch
 from spots.link.timeouts import CONNECTED

@@ -9,7 +9,7 @@ from spots.controller.controller_settings import ControllerSettings
 from spots.controller.controller_settings import load as load_controller
 from spots.errors import SpotsError
 from spots.keyboard.key_engine import KeyEngine
-from spots.keyboard.layout import KeyLayout, parts_of, typed
+from spots.keyboard.key_layout import KeyLayout, parts_of, typed
 from spots.keyboard.reach import causes
 from spots.link.advice import advice_for
 from spots.link.board import Board

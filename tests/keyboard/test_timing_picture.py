@@ -5,7 +5,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from spots.keyboard import timing_picture, trial
-from spots.keyboard.layout import FLAVORS
+from spots.keyboard.key_layout import FLAVORS
 from spots_device.keys.layout import RETRO_TAP
 
 DOCS = Path(__file__).parents[2] / "docs"

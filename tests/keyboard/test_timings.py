@@ -5,7 +5,9 @@ import re
 import pytest
 from make import timings
 
-from spots.keyboard.layout import FLAVORS, RELEASE_AFTER_MS, compiled
+from spots.keyboard.key_layout import FLAVORS
+from spots.keyboard.layout import compiled
+from spots.keyboard.layout_format import RELEASE_AFTER_MS
 from spots_device.keys.layout import LIMITS
 
 PAGES = sorted(timings.PLAYED)

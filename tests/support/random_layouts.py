@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from spots.keyboard.layout import FLAVORS, compiled
+from spots.keyboard.key_layout import FLAVORS
+from spots.keyboard.layout import compiled
 from spots_sim.strip.files import Finger
 
 _KEYS = [

@@ -11,7 +11,7 @@ from ..link.contact_finder import TYPICAL_DECAY, tracker_arguments
 from ..link.frames import Touch
 from ..link.timeouts import RELEASE_S
 from ..outputs.devices import Keyboard, KeySink
-from .layout import KeyLayout
+from .key_layout import KeyLayout
 
 
 class KeyEngine:

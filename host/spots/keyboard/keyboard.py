@@ -13,7 +13,8 @@ from ..outputs.devices import Keyboard
 from ..outputs.open import open_keyboard
 from ..terminal.opening import open_announced
 from .key_engine import KeyEngine
-from .layout import KeyLayout, load
+from .key_layout import KeyLayout
+from .layout import load
 
 _TICK_S = 0.02
 _BY_CHARACTER = "us"  # host of the keyboard that `outputs.desktop` presses

@@ -20,7 +20,8 @@ from ..outputs.usages import ALIASES, KEYBOARD, MODIFIERS_FROM, ON_BOARDS, USAGE
 from ..terminal.view import framed
 from . import trial
 from .hosts import every as every_host
-from .layout import LAYER_VERBS, SLOTS, SWIPES, KeyLayout, PlacedKey, flavor_name, load, parts_of
+from .key_layout import LAYER_VERBS, SLOTS, SWIPES, KeyLayout, PlacedKey, flavor_name, parts_of
+from .layout import load
 
 COLUMNS = 74
 _LABEL = 20  # characters of a label; a longer one takes several lines

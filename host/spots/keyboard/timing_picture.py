@@ -6,7 +6,7 @@ from functools import cache
 from spots_device.keys.layout import RETRO_TAP
 
 from . import trial
-from .layout import FLAVORS, flavor_name
+from .key_layout import FLAVORS, flavor_name
 
 WIDTH = 320
 _LEFT, _TERM = 8, 110  # units before the first touch, units of a tapping term

@@ -10,8 +10,8 @@ from rich.text import Text
 
 from spots.errors import printable
 from spots.keyboard.key_engine import KeyEngine
+from spots.keyboard.key_layout import KeyLayout
 from spots.keyboard.keys import COLUMNS, row
-from spots.keyboard.layout import KeyLayout
 from spots.link.frames import LinkStats, Touch
 
 from ..person.typist import TypedText

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spots.keyboard.layout import KeyLayout, parts_of
+from spots.keyboard.key_layout import KeyLayout, parts_of
 
 from ..strip.files import ScenarioFile
 

@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 from spots.errors import SettingError
-from spots.keyboard.layout import KeyLayout, PlacedKey, parts_of
+from spots.keyboard.key_layout import KeyLayout, PlacedKey, parts_of
 from spots.outputs.usages import KEYBOARD, USAGES, name_of, on_caps, usage_of
 from spots_device.keys import layout as lines_of
 
