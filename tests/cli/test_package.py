@@ -47,16 +47,6 @@ def run(environment, folder, *words, code=0):
     return run.stdout
 
 
-@pytest.mark.parametrize("extra", ["", *EXTRAS])
-def test_the_demo_and_the_decoder_run_with_any_one_extra(extra, environment, tmp_path):
-    here = environment(*filter(None, [extra]))
-    assert "spots COMMAND --help" in run(here, tmp_path, "spots", "--help")
-    assert "plug a board in" in run(here, tmp_path, "spots", "ports")
-    decoded = "import spots; print(list(spots.Decoder().feed(bytes(9))), spots.__file__)"
-    assert run(here, tmp_path, "python", "-c", decoded).startswith(f"[] {here}")
-    assert "runtime: " in run(here, tmp_path, "spots", "demo", "--seconds", "1")
-
-
 # Only a board has what the other modules of the firmware import.
 IMPORTS_ALL = """
 import importlib, pkgutil
@@ -71,6 +61,23 @@ for name in sorted(one.name for one in pkgutil.iter_modules() if one.name.starts
         except (ImportError, spots.SpotsError):
             print(module.name)
 """
+
+
+@pytest.mark.parametrize("extra", ["", *EXTRAS])
+def test_the_decoder_and_all_modules_run_with_any_one_extra(extra, environment, tmp_path):
+    here = environment(*filter(None, [extra]))
+    assert "spots COMMAND --help" in run(here, tmp_path, "spots", "--help")
+    assert "plug a board in" in run(here, tmp_path, "spots", "ports")
+    decoded = "import spots; print(list(spots.Decoder().feed(bytes(9))), spots.__file__)"
+    assert run(here, tmp_path, "python", "-c", decoded).startswith(f"[] {here}")
+    run(here, tmp_path, "python", "-c", IMPORTS_ALL)
+
+
+# The demo asks for packages of these extras only.
+@pytest.mark.parametrize("extra", ["", "virtual", "web"])
+def test_the_demo_runs_with_any_one_extra(extra, environment, tmp_path):
+    here = environment(*filter(None, [extra]))
+    assert "runtime: " in run(here, tmp_path, "spots", "demo", "--seconds", "1")
 
 
 def test_only_modules_that_are_imported_on_demand_need_an_extra(environment, tmp_path):
