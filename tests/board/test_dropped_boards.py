@@ -8,6 +8,7 @@ import signal
 import subprocess
 
 import pytest
+from support.refusals import refusal
 
 import spots
 from spots.link.board import Board
@@ -106,6 +107,6 @@ def test_a_process_that_does_not_end_is_killed(started, sensor, monkeypatch):
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
 def test_a_board_is_not_copied(copied, sensor):
     with opened("lockstep", sensor) as board:
-        with pytest.raises(TypeError, match=r"a Board cannot be copied .*: pass this object on"):
+        with refusal(TypeError):
             copied(board)
         assert board.command("hello")["board"] == "virtual"

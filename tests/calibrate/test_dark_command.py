@@ -1,10 +1,11 @@
 """`spots dark`: the guided dark frame of an LED that is always on."""
 
 import pytest
+from support.refusals import refusal
 
 from spots.calibrate.session.dark import take_dark
 from spots.cli import main
-from spots.errors import SpotsError
+from spots.errors import BoardError
 from spots.link.board import Board
 from spots_device.reading.decode import DARK_SAMPLES
 from spots_sim.board.lockstep import LockstepLink
@@ -68,7 +69,7 @@ def test_who_forgets_to_unplug_it_is_asked_again(person):
 def test_a_board_that_switches_its_led_needs_no_guide(person, led):
     other = person()
     other.board.command(f"set led={led}")
-    with pytest.raises(SpotsError, match="takes dark frames itself"):
+    with refusal(BoardError, why="led_switched"):
         take_dark(other.board, other.ask)
     assert not other.asked
 

@@ -6,9 +6,9 @@ import io
 import numpy as np
 import pytest
 from rich.console import Console
+from support.refusals import refusal
 from support.sensors import replaced
 
-from spots import SpotsError
 from spots.calibrate import calibration_file as file
 from spots.calibrate.fit import fit as fitting
 from spots.calibrate.fit.presses import Presses
@@ -18,6 +18,7 @@ from spots.calibrate.session.guide import Guide
 from spots.calibrate.session.presser import Presser
 from spots.calibrate.session.rezero import rezero
 from spots.calibrate.session.session_file import Session, settings
+from spots.errors import CalibrationError
 from spots.link.frames import Touch
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.decode import DARK_SAMPLES
@@ -166,19 +167,19 @@ def test_a_calibration_without_room_for_spectra_says_so(sensor, tmp_path, monkey
 
 def test_too_much_light_is_refused_with_its_place(sensor, tmp_path):
     path = tmp_path / "a.jsonl"
-    refused = r"light at 3\d mm without a press: dust.*at most 10% can be subtracted: clean"
     strip = dusty(sensor, 12.0, 35.0)
-    with Stage(strip, seed=3) as stage, pytest.raises(SpotsError, match=refused):
+    with Stage(strip, seed=3) as stage, refusal(CalibrationError) as refused:
         by_stage(stage, path)
+    assert "light at 3" in str(refused.value)  # 35 mm, or near it
     assert len(Session(path).points) <= 9
 
 
 def test_a_person_is_refused_too_much_light_at_the_third_press(sensor, tmp_path):
     path = tmp_path / "a.jsonl"
-    refused = r"light at 3\d mm without a press: dust.*clean the strip there"
     strip = dusty(sensor, 12.0, 35.0)
-    with Stage(strip, seed=3) as stage, pytest.raises(SpotsError, match=refused):
+    with Stage(strip, seed=3) as stage, refusal(CalibrationError) as refused:
         by_hand(stage, path, "fine")
+    assert "light at 3" in str(refused.value)
     assert len(Session(path).points) == 3
 
 

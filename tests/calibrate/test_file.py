@@ -65,7 +65,7 @@ def test_a_file_that_is_cut_at_any_byte_is_refused(path):
     cuts = [*range(0, len(data) - 60, 97), *range(len(data) - 60, len(data) - 1)]
     for cut in cuts:
         path.write_bytes(data[:cut])
-        with pytest.raises(SpotsError, match="cut short, or is not a calibration file: copy the"):
+        with refusal(FileError, file="calibration.toml"):
             file.load(path)
 
 
@@ -73,7 +73,7 @@ def test_a_file_with_any_byte_changed_is_refused(path):
     data = path.read_bytes()
     for at in range(0, len(data), 53):
         path.write_bytes(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
-        with pytest.raises(SpotsError, match=str(path)):
+        with refusal(FileError, path=str(path)):
             file.load(path)
 
 
@@ -115,13 +115,13 @@ def test_a_file_made_by_hand_is_checked_as_a_calibration(path, old, new, says):
 def test_no_file_says_how_to_make_one(tmp_path):
     with refusal(FileError):
         file.load(tmp_path / "none.toml")
-    with pytest.raises(SpotsError, match="is a folder, not a calibration file"):
+    with refusal(FileError):
         file.load(tmp_path)
 
 
 def test_a_file_of_other_bytes_is_refused(path):
     path.write_bytes(b"\x80\xfe")  # not a byte order mark
-    with pytest.raises(SpotsError, match="damaged"):
+    with refusal(FileError, file="calibration.toml"):
         file.load(path)
 
 
@@ -132,7 +132,7 @@ def test_a_save_that_is_cut_leaves_the_old_file(made, path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "replace", cut)
-    with pytest.raises(SpotsError, match="No space left"):
+    with refusal(FileError, file="calibration.toml"):
         file.save(msgspec.structs.replace(made, joint=None), path, made)
     assert path.read_bytes() == before
     assert list(path.parent.iterdir()) == [path]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 from support.hand_session import LONG, PLAN, Room, calibrate, errors_um
+from support.refusals import refusal
 
 from spots import SpotsError
 from spots.calibrate.fit.decoded import Decoded
@@ -17,6 +18,7 @@ from spots.calibrate.session.bench import Bench
 from spots.calibrate.session.guide import Guide
 from spots.calibrate.session.session_file import Session, settings
 from spots.calibrate.session.typed import typed
+from spots.errors import CalibrationError, SettingError
 from spots_device.reading.calibration import Calibration
 from spots_sim.person.person import Habits
 from spots_sim.person.stage import Stage
@@ -209,7 +211,7 @@ def test_what_no_ruler_or_scale_shows_is_refused(text):
 
 def test_the_scale_may_show_less_than_a_small_force_that_was_asked_for():
     assert typed("9g", 85_000, wanted_mN=108.0) == (None, pytest.approx(88.3, rel=1e-3))
-    with pytest.raises(SpotsError, match="did you mean 9 N"):
+    with refusal(SettingError):
         typed("9g", 85_000, wanted_mN=1000.0)
 
 
@@ -230,7 +232,7 @@ def test_a_measure_that_can_be_two_is_answered_with_both(text, says):
 
 
 def test_a_force_that_is_impossible_in_both_units_is_answered_with_the_limits():
-    with pytest.raises(SpotsError, match=r"from 10 g \(0\.098 N\) to 2039 g \(20 N\)$"):
+    with refusal(SettingError):
         typed("2500g", 85_000)
 
 
@@ -241,5 +243,5 @@ def test_a_strip_that_no_force_lights_ends_the_session(sensor, tmp_path):
         presser = StagePresser(stage)
         presser.press = lambda wanted: None
         bench = Bench(stage.reader, presser, shown, stage.length_um, tmp_path / "a.toml")
-        with pytest.raises(SpotsError, match=r"^8.0 mm with 10 N: no press is seen; the presses"):
+        with refusal(CalibrationError):
             steps.calibrate(bench, Session(tmp_path / "a.jsonl"), "fine", 0, None, options)

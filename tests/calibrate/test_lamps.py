@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from msgspec import structs
 from rich.console import Console
+from support.refusals import refusal
 
-from spots import SpotsError
 from spots.calibrate.session import steps
 from spots.calibrate.session.bench import Bench
 from spots.calibrate.session.guide import Guide
 from spots.calibrate.session.session_file import Session
 from spots.deploy.doctor import examine_board
+from spots.errors import StateError
 from spots.link import lamps
 from spots.link.board import Board
 from spots.link.connect import upload
@@ -246,7 +247,7 @@ class Stops(StagePresser):
     """A presser that ends the session at its first press, after the lamps were measured."""
 
     def press(self, wanted):
-        raise SpotsError("the session ends here")
+        raise StateError("the session ends here")
 
 
 @pytest.mark.board
@@ -265,7 +266,7 @@ def test_a_session_begins_with_the_lamps_unless_they_were_set(
         stage.reader.set_up()
         bench = Bench(stage.reader, Stops(stage), guide, stage.length_um, tmp_path / "a.toml")
         options = argparse.Namespace(channels=None, keep_settings=False)
-        with pytest.raises(SpotsError, match="ends here"):
+        with refusal(StateError):
             steps.calibrate(bench, Session(tmp_path / "a.jsonl"), "position", 17, None, options)
         exposure_us = 8333 if becomes == 60 else 10_000
         assert stage.reader.conditions.exposure_us == exposure_us

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from msgspec import structs
+from support.refusals import refusal
 
-from spots import SpotsError
 from spots.calibrate.fit.fit import estimators
+from spots.errors import CalibrationError, SettingError
 from spots_device.reading.calibration import Calibration
 from spots_sim.measure import measurements
 from spots_sim.measure.effects import errors
@@ -61,7 +62,7 @@ def test_a_brown_dye_under_a_violet_led_is_calibrated_on_a_long_strip(sensor):
 
 def test_channels_that_decay_alike_are_refused_in_one_sentence():
     alike = np.stack([np.ones(6), np.full(6, 0.5)], axis=1)
-    with pytest.raises(SpotsError, match="decays alike along the strip: choose other channels"):
+    with refusal(CalibrationError):
         estimators(alike, np.ones(6))
 
 
@@ -74,7 +75,7 @@ def test_a_strip_whose_touches_begin_above_the_force_of_a_measurement_is_refused
         irradiance_uW_cm2_per_mA=6.0,
     )
     brown = structs.replace(sensor.dye, strength_per_mm=0.022, edge_nm=640.0, edge_width_nm=60.0)
-    with pytest.raises(SpotsError, match=r"needs 3\.\d+ N for a touch, .* longer exposure"):
+    with refusal(SettingError):
         characterize(structs.replace(sensor, led=green, dye=brown), 1, 100_000)
 
 

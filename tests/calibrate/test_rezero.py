@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 from rich.console import Console
+from support.refusals import refusal
 
 from spots import SpotsError, cli
 from spots.calibrate import calibration_file as file
@@ -25,6 +26,7 @@ from spots.calibrate.session.rezero import rezero, use
 from spots.calibrate.session.session_file import Session, settings
 from spots.calibrate.session.spectra import SpectrumReader
 from spots.calibrate.session.steps import DARK_S
+from spots.errors import CalibrationError, FileError
 from spots.link.advice import advice_for
 from spots.link.connect import upload
 from spots.link.frames import Touch
@@ -243,7 +245,7 @@ def test_tables_are_shifted_by_the_sums_of_the_channels_shifts(made):
 def test_a_drift_beyond_the_tables_is_one_sentence(made):
     wild = np.zeros((3, 6))
     wild[1, 0] = 4.0
-    with pytest.raises(SpotsError, match=r"changed more than a re-zero can correct.*calibrate it"):
+    with refusal(CalibrationError):
         shifted(made.lines, made.marks.place_um, wild)
 
 
@@ -375,7 +377,7 @@ def test_one_press_of_another_mark_is_asked_for_again(made, sensor, tmp_path):
 
 def test_presses_that_never_agree_are_given_up_and_nothing_has_changed(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "a.toml", stray(0, 99, 40_000.0)) as strip:
-        with pytest.raises(SpotsError, match=r"mark at 8.5 mm are more than.*nothing was saved"):
+        with refusal(CalibrationError):
             rezero(strip.bench, made)
         assert strip.uses == checksum(list(made.lines))
         assert not (tmp_path / "a.toml").exists()
@@ -388,7 +390,7 @@ def test_presses_that_are_not_held_are_given_up_and_nothing_has_changed(made, se
 
     with (
         Drifted(sensor, made, tmp_path / "a.toml", Away) as strip,
-        pytest.raises(SpotsError, match=r"no press is seen; nothing was saved$"),
+        refusal(CalibrationError),
     ):
         rezero(strip.bench, made)
 
@@ -494,7 +496,7 @@ def test_a_joint_uses_its_stops(full, sensor, tmp_path, monkeypatch):
 def test_a_file_without_marks_of_a_joint_says_what_to_do(made, sensor, tmp_path):
     with (
         Drifted(sensor, made, tmp_path / "a.toml") as strip,
-        pytest.raises(SpotsError, match=r"no section \[joint_marks\].*spots calibrate joint"),
+        refusal(FileError, file="a.toml"),
     ):
         rezero(strip.bench, made, joint=True)
 
@@ -570,7 +572,7 @@ def test_a_power_cut_in_the_upload_leaves_the_old_calibration_or_the_new_one(
 
 def test_a_file_that_cannot_be_written_leaves_the_board(made, rezeroed, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "nowhere" / "a.toml") as strip:
-        with pytest.raises(SpotsError, match="there is no folder"):
+        with refusal(FileError, file="nowhere"):
             use(strip.bench, made, rezeroed)
         assert strip.uses == checksum(list(made.lines))
 
@@ -582,7 +584,7 @@ def test_a_file_without_marks_says_what_to_do(made, sensor, tmp_path):
     bare = msgspec.structs.replace(made, marks=None)
     with (
         Drifted(sensor, bare, tmp_path / "a.toml") as strip,
-        pytest.raises(SpotsError, match=r"a\.toml has no section \[marks\].*calibrate again"),
+        refusal(FileError, file="a.toml"),
     ):
         rezero(strip.bench, bare)
 
@@ -590,7 +592,7 @@ def test_a_file_without_marks_says_what_to_do(made, sensor, tmp_path):
 def test_other_settings_are_refused(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "a.toml") as strip:
         strip.bench.reader.set_up("gain=8")
-        with pytest.raises(SpotsError, match=r"a\.toml: .*made at gain=9 "):
+        with refusal(CalibrationError):
             rezero(strip.bench, made)
 
 

@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 import pytest
 from rich.console import Console
+from support.refusals import refusal
 from support.sensors import replaced
 
 from spots import SpotsError, cli
@@ -30,6 +31,14 @@ from spots.calibrate.session.joint import fit_joint
 from spots.calibrate.session.make import make
 from spots.calibrate.session.presser import Presser
 from spots.calibrate.session.session_file import Session, settings
+from spots.errors import (
+    BoardError,
+    CalibrationError,
+    ChangedError,
+    FileError,
+    InUseError,
+    StateError,
+)
 from spots.keyboard.layout import FOLDER as LAYOUTS
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
@@ -154,14 +163,15 @@ def test_a_joint_with_more_play_has_more_backlash(full):
 
 def test_a_joint_that_slips_or_lacks_a_direction_is_refused(full):
     points = Session(full.session).of("joint")
-    with pytest.raises(SpotsError, match="4 angles or more in each direction"):
-        fit_joint(points[:13])
     slipped = msgspec.structs.replace(points[5], position_um=points[3].position_um)
-    with pytest.raises(SpotsError, match="position does not rise or fall steadily with the angle"):
-        fit_joint([*points[:5], slipped, *points[6:]])
     twice = msgspec.structs.replace(points[5], angle_deg=points[4].angle_deg)
-    with pytest.raises(SpotsError, match="the same angle"):
-        fit_joint([*points[:5], twice, *points[6:]])
+    for wrong, says in [
+        (points[:13], "4 angles or more in each direction"),
+        ([*points[:5], slipped, *points[6:]], "does not rise or fall steadily with the angle"),
+        ([*points[:5], twice, *points[6:]], "the same angle"),
+    ]:
+        with pytest.raises(CalibrationError, match=says):
+            fit_joint(wrong)
 
 
 # ---- the session file
@@ -190,13 +200,13 @@ def test_a_damaged_line_in_the_middle_is_named(full, tmp_path):
     path = tmp_path / "damaged.jsonl"
     for damage in (lines[4][:-9], b"\xff" + lines[4], b"{}", b"\0"):
         path.write_bytes(b"\n".join([*lines[:4], damage, *lines[5:]]))
-        with pytest.raises(SpotsError, match="line 5 of the session"):
+        with refusal(FileError, place="line 5", file="damaged.jsonl"):
             Session(path)
 
 
 def test_a_session_in_a_folder_that_does_not_exist_names_the_folder(full, tmp_path):
     lost = Session(tmp_path / "none" / "a.jsonl")
-    with pytest.raises(SpotsError, match=r"there is no folder .*none: make it first"):
+    with refusal(FileError, file="none"):
         lost.add(Session(full.session).points[0])
     assert not lost.points
 
@@ -223,7 +233,7 @@ def test_a_session_in_use_is_refused_and_free_when_its_program_is_killed(full, t
             said = refused(capsys, "position", "--session", path)
             assert "in use by another program" in said
             assert "name another file with --session" in said
-            with pytest.raises(SpotsError, match="in use by another program"):
+            with refusal(InUseError, file="calibration.jsonl"):
                 Session(path).add(Session(path).points[0])
             assert path.read_bytes() == before
         finally:
@@ -275,7 +285,7 @@ def test_a_press_that_cannot_be_written_is_reported_and_the_others_are_stored(
     more = msgspec.json.decode(lines[3], type=Point)
 
     def refused():
-        with pytest.raises(SpotsError, match=r"the last press is not stored, all presses before"):
+        with refusal(FileError, file="a.jsonl"):
             session.add(more)
         assert path.read_bytes() == b"".join(lines[:3])
 
@@ -297,7 +307,7 @@ def test_a_press_that_cannot_be_written_is_reported_and_the_others_are_stored(
 def test_a_file_of_another_kind_is_no_session(tmp_path, text):
     path = tmp_path / "mine.toml"
     path.write_text(text)
-    with pytest.raises(SpotsError, match=r"mine\.toml is not a session file: name another"):
+    with refusal(FileError, file="mine.toml"):
         Session(path)
     assert path.read_text() == text
 
@@ -331,9 +341,9 @@ def test_a_calibration_that_another_program_has_changed_is_not_replaced(full, tm
     path.write_bytes(full.out.read_bytes())
     file.save(other, path, made)
     before = path.read_bytes()
-    with pytest.raises(SpotsError, match="another program has changed"):
+    with refusal(ChangedError, file="calibration.toml"):
         file.save(made, path, made)
-    with pytest.raises(SpotsError, match="another program has changed"):
+    with refusal(ChangedError, file="calibration.toml"):
         file.save(made, path, None)
     assert path.read_bytes() == before
 
@@ -651,7 +661,7 @@ def test_a_strip_whose_colour_does_not_change_is_refused(sensor, tmp_path):
     shown, _ = guide()
     with Stage(clear, seed=2) as stage:
         session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown)
-        with pytest.raises(SpotsError, match=r"does not change steadily along the strip|too noisy"):
+        with refusal(CalibrationError):
             session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown, "force")
         assert stage.board.command("hello")["calibration"] is None
     assert not (tmp_path / "a.toml").exists()
@@ -680,7 +690,7 @@ def test_an_upload_that_breaks_off_leaves_the_calibration_before(sensor, full):
         touched.board.command("cal begin")
         for line in touched.made.lines[:50]:
             touched.board.command("cal " + line)
-        with pytest.raises(SpotsError, match="checksum differs: send the calibration again"):
+        with refusal(BoardError, why="bad_calibration"):
             touched.board.command("cal end " + old)
         assert touched.board.command("hello")["calibration"] == old
 
@@ -763,7 +773,7 @@ def test_a_closed_standard_input_is_an_error(sensor, tmp_path):
         shown = Guide(Console(file=io.StringIO()), stdin=io.StringIO())
         presser = Presser(shown)
         presser.release = lambda: None
-        with pytest.raises(SpotsError, match="standard input is closed"):
+        with refusal(StateError):
             session_of(stage, presser, tmp_path / "a.jsonl", shown, "force")
 
 

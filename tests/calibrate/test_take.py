@@ -7,13 +7,14 @@ from pathlib import Path
 import msgspec
 import pytest
 from rich.console import Console
+from support.refusals import refusal
 from support.sensors import replaced
 
-from spots import SpotsError
 from spots.calibrate.fit.points import Wanted
 from spots.calibrate.session.bench import BadPressError, Bench
 from spots.calibrate.session.guide import Guide
 from spots.calibrate.session.spectra import SpectrumReader
+from spots.errors import CalibrationError
 from spots_sim.person.person import follow
 from spots_sim.person.stage import Stage
 from spots_sim.person.stage_presser import StagePresser
@@ -77,7 +78,7 @@ def test_a_choice_of_channels_takes_dark_ones_as_they_are(stage, bench):
     wanted = Wanted(kind="choose", place_um=60_000.0, force_mN=6000.0)
     assert bench.take(wanted).dark
     assert "try again" not in bench.said()
-    with pytest.raises(SpotsError, match="too dark"):
+    with refusal(CalibrationError):
         bench.take(msgspec.structs.replace(wanted, kind="position"))
 
 

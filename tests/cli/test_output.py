@@ -8,9 +8,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from support.refusals import refusal
 
 import spots_sim
-from spots import SpotsError, cli
+from spots import cli
+from spots.errors import SettingError
 from spots_sim.demo import virtual
 
 pytestmark = pytest.mark.board
@@ -134,5 +136,5 @@ def test_a_virtual_board_whose_starter_is_gone_ends_quietly(sensor, code, closed
 
 
 def test_a_seed_that_is_none():
-    with pytest.raises(SpotsError, match="the seed must be a whole number of 0 or more, not -1"):
+    with refusal(SettingError):
         spots_sim.open(seed=-1)

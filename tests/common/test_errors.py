@@ -29,6 +29,9 @@ HOUSE_WORDS = {
     "anew": "again",
     "of ours": "of SPOTS",
 }
+# Most lines of tests that compare an error with a sentence, because a table of faults of one class
+# is told apart by nothing else. All other tests use `support.refusals.refusal`.
+SENTENCES_MAX = 60
 PLACEHOLDER = "\N{HORIZONTAL ELLIPSIS}"
 # A remedy follows a colon or semicolon, or the sentence states what is valid.
 REMEDY = re.compile(r"[:;] |\b(must|needs?|can be|is an array|are for)\b")
@@ -147,3 +150,9 @@ def test_an_error_of_a_file_has_its_path_and_place():
 def test_an_error_of_a_board_has_a_code():
     assert BoardError("still runs", "busy").why == "busy"
     assert BoardError("still runs").why == ""
+
+
+def test_tests_assert_the_class_and_the_code_of_an_error():
+    tests = Path(__file__).parents[1]
+    lines = [line for path in tests.rglob("*.py") for line in path.read_text("utf-8").split("\n")]
+    assert 30 < sum(bool(re.search(r"\bmatch=", line)) for line in lines) <= SENTENCES_MAX

@@ -3,9 +3,10 @@
 import re
 
 import pytest
+from support.refusals import refusal
 
-from spots import SpotsError
 from spots.deploy import staging
+from spots.errors import FileError
 
 BEFORE = """title = "Odd"
 runtime = "micropython"
@@ -65,6 +66,6 @@ def test_a_right_board_file_is_taken(tmp_path, monkeypatch):
 def test_a_wrong_value_of_a_board_file_is_named(key, line, says, tmp_path, monkeypatch):
     text = re.sub(rf"^{key} = .*$", line, BEFORE, flags=re.MULTILINE)
     assert text != BEFORE
-    with pytest.raises(SpotsError, match=r"odd.board\.toml") as error:
+    with refusal(FileError, file="board.toml") as error:
         device(tmp_path, monkeypatch, text)
     assert says in str(error.value)

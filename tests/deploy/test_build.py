@@ -11,7 +11,6 @@ from support.refusals import refusal
 
 import spots
 import spots_device
-from spots import SpotsError
 from spots.cli import main
 from spots.deploy import build as builder
 from spots.deploy import staging
@@ -80,7 +79,7 @@ def test_viper_is_for_boards_whose_machine_code_is_known(said, tmp_path, monkeyp
     text = f'title = "Odd"\n{said}\nviper = true\n[device]\n'
     (tmp_path / "odd" / "board.toml").write_text(text)
     monkeypatch.setattr(staging, "BOARDS", tmp_path)
-    with pytest.raises(SpotsError, match=r"odd/board\.toml: viper needs runtime = micropython"):
+    with refusal(FileError, file="board.toml"):
         device_of("odd")
 
 
@@ -90,7 +89,7 @@ def test_an_led_that_no_board_has_is_refused(led, tmp_path, monkeypatch):
     text = f'title = "Odd"\nruntime = "circuitpython"\n[device]\n{led}\n'
     (tmp_path / "odd" / "board.toml").write_text(text)
     monkeypatch.setattr(staging, "BOARDS", tmp_path)
-    with pytest.raises(SpotsError, match=r"odd/board\.toml: STRIP_LED must be one of"):
+    with refusal(FileError, file="board.toml"):
         device_of("odd")
 
 
@@ -157,7 +156,7 @@ def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path, monkeypatch, cap
     assert main(["build", "virtual"]) == 2
     sentence = "spots: build/virtual cannot be written (File exists): make room on its disk"
     assert capsys.readouterr().err.startswith(sentence)
-    with pytest.raises(SpotsError, match=r"x/virtual cannot be written .Not a directory"):
+    with refusal(FileError, file="virtual"):
         build("virtual", tmp_path / "build" / "x")
     assert (tmp_path / "build").read_text() == "mine"
 
@@ -165,7 +164,7 @@ def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path, monkeypatch, cap
 @pytest.mark.board
 def test_a_full_disk_leaves_the_old_build(tmp_path, full_disk):
     before = files_of(build("virtual", tmp_path))
-    refused = pytest.raises(SpotsError, match=r"virtual cannot be written .*File too large")
+    refused = refusal(FileError, file="virtual")
     with full_disk(100), refused as told:
         build("virtual", tmp_path)
     assert len(str(told.value)) < 1000  # the message names one file, not all
@@ -183,7 +182,7 @@ def test_no_mpy_cross_says_how_to_get_it(tmp_path, monkeypatch):
 def test_a_header_by_hand():
     assert mpy_header(bytes((0x4D, 6, 4 << 2 | 3, 31))) == (6, 4)  # armv6m
     for data in (b"", b"M\x06", b"C\x06\x00\x1f"):
-        with pytest.raises(ValueError, match=r"not an \.mpy"):
+        with pytest.raises(ValueError, match="not an"):
             mpy_header(data)
 
 
@@ -314,5 +313,5 @@ def test_machine_code_looks_up_no_constant(tmp_path):
     for wrong in ("s[_SIZE]", "s[c.Y_UM]", "TABLE[0]"):
         (tmp_path / "state.py").write_text("X_UM = 4\n")
         (tmp_path / "fast.py").write_text(head + f"    return {wrong}\n")
-        with pytest.raises(SpotsError, match=r"fast\.py, line 12: f looks .* up in machine code"):
+        with refusal(FileError, place="line 12", file="fast.py"):
             inline(tmp_path)

@@ -13,12 +13,14 @@ from types import SimpleNamespace
 import pytest
 from littlefs import LittleFS, UserContext
 from support import runtimes
+from support.refusals import refusal
 
 from spots import SpotsError
 from spots.cli import main
 from spots.deploy import uf2
 from spots.deploy.build import files_of
 from spots.deploy.image import image
+from spots.errors import FileError
 from spots.keyboard.layout import load
 from spots_device.board.settings import BoardSettings
 from spots_device.board.store import Store
@@ -271,7 +273,7 @@ def test_a_damaged_runtime_is_refused_and_nothing_written(tmp_path, monkeypatch)
     for _ in range(1000):
         data, what = mutated(good, chance)
         runtime.write_bytes(data)
-        with pytest.raises(SpotsError, match=r"runtime\.uf2") as refused:
+        with refusal(FileError, file="runtime.uf2") as refused:
             image("pico", runtime, out)
         assert ":" in str(refused.value), what
     assert not out.exists()
@@ -311,13 +313,13 @@ def test_a_runtime_of_another_kind_is_refused(make, tmp_path, board, data):
 )
 def test_an_esp32_runtime_of_another_kind_is_refused(tmp_path, more):
     (tmp_path / "runtime.bin").write_bytes(runtimes.esp32(**more))
-    with pytest.raises(SpotsError, match="download"):
+    with refusal(FileError, file="runtime.bin"):
         image("xiao_esp32s3", tmp_path / "runtime.bin", tmp_path / "spots.bin")
 
 
 def test_a_file_of_another_kind_is_not_replaced(make, tmp_path):
     (tmp_path / "spots.uf2").write_text("mine")
-    with pytest.raises(SpotsError, match=r"not a \.uf2 file"):
+    with refusal(FileError, file="spots.uf2"):
         make(runtimes.micropython(*runtimes.PICO))
     assert (tmp_path / "spots.uf2").read_text() == "mine"
 

@@ -220,7 +220,7 @@ def test_a_device_of_another_number_under_the_old_name_is_not_even_opened(hub):
     first, second, _ = hub.plugs
     link = SerialLink(first.name)
     first.usb_number, second.usb_number = "board9", "board8"
-    with pytest.raises(RefusedError, match="another device is on"):
+    with refusal(RefusedError):
         link.reopen()
     second.usb_number = "board0"
     link.reopen()
@@ -260,7 +260,7 @@ def test_of_boards_with_one_serial_number_each_link_finds_its_own_again(twins, n
         assert links[0].name == first.name
         assert links[1].name in (twins.plugs[1].name, data.name)
     first.usb_number = "another"  # not plugged in: its twin is, in its own socket
-    with pytest.raises(spots.SpotsError, match=r"plug the board .*in"):
+    with refusal(RefusedError):
         links[0].reopen()
     for link in links:
         link.close()
@@ -280,7 +280,7 @@ def test_a_board_is_not_taken_for_its_twin_that_was_plugged_in(twins, when):
         with pytest.raises(PortLostError):
             link.read(DEADLINE_S)
         for _ in range(2):
-            with pytest.raises(RefusedError, match="into its previous USB socket"):
+            with refusal(RefusedError):
                 link.reopen()
     finally:
         first.plug()
@@ -307,7 +307,7 @@ def test_a_board_with_its_own_serial_number_is_found_in_another_socket(hub):
 def test_the_page_refuses_to_choose_between_boards_with_one_id(twins):
     for plug in twins.plugs:
         plug.board_id = "clone"
-    with pytest.raises(spots.SpotsError, match="have the id clone: unplug"):
+    with refusal(PortError):
         finder(None)("clone")
 
 
@@ -335,7 +335,7 @@ def test_a_board_that_stays_unplugged_is_reported_as_unplugged(hub):
         board.patience_s = 0.1
         board.touches()
         hub.unplug()
-        with pytest.raises(PortLostError, match=r"was disconnected: plug .*unplugged for 0 s"):
+        with refusal(PortLostError):
             list(board.touches())
 
 

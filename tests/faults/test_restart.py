@@ -9,9 +9,10 @@ import tty
 from types import SimpleNamespace
 
 import pytest
+from support.refusals import refusal
 from support.stand_in_link import StandIn
 
-from spots.errors import NoReplyError, PortLostError, SpotsError
+from spots.errors import NoReplyError, PortError, PortLostError
 from spots.link import readers
 from spots.link import reconnect as module
 from spots.link.board import Board
@@ -189,7 +190,7 @@ def test_the_newest_reading_of_a_board_that_came_back_is_had_again():
     assert board.read_latest().position_um == 42_000
     board.patience_s = math.inf
     link.gone = 100_000
-    with pytest.raises(SpotsError, match="no reading within"):
+    with refusal(PortError):
         board.read_latest(0.4)
     assert board.latest() is None
     link.gone = 1
@@ -204,7 +205,7 @@ def test_the_newest_reading_of_a_board_that_came_back_is_had_again():
 def test_a_lost_port_is_looked_for_by_the_clock_of_its_link():
     link, board = streaming()
     lost_s, link.gone = link.now_s(), 1_000_000
-    with pytest.raises(SpotsError, match="no such port"):
+    with refusal(PortError):
         list(board.frames())
     tries_s = [round(try_s - lost_s, 3) for try_s in link.tries_s]
     assert tries_s == [0.0, 0.1, 0.3, 0.7, *(1.5 + i for i in range(10))]
@@ -215,7 +216,7 @@ def test_a_port_that_does_not_come_back_is_told(monkeypatch):
     monkeypatch.setattr(module, "PATIENCE_S", 0.0)
     link, board = streaming()
     link.gone = 1000
-    with pytest.raises(SpotsError, match="no such port"):
+    with refusal(PortError):
         reading(board, 50)
 
 
@@ -416,7 +417,7 @@ def test_a_serial_port_is_opened_again_by_its_name(tmp_path):
     with pytest.raises(PortLostError):
         link.read(1.0)
     name.unlink()
-    with pytest.raises(SpotsError, match="was disconnected: plug the board in again"):
+    with refusal(PortLostError):
         link.reopen()
     second = plug()
     link.reopen()

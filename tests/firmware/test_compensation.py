@@ -4,6 +4,7 @@ import math
 
 import pytest
 from support.calibration_lines import GOOD
+from support.refusals import refusal
 from support.smallint import SmallInt, small
 
 from spots_device.reading.calibration import Calibration
@@ -108,7 +109,7 @@ def test_a_value_out_of_range_is_refused(at, value):
     values = [4096, 300, 1000, 3000, 400, 0, 150, 400, 4000, 40_000, 60, 50, 0]
     assert Calibration([*GOOD, line(values)]).compensation
     values[at] = value
-    with pytest.raises(CalibrationError, match="the line 'silicone' is out of range"):
+    with refusal(CalibrationError):
         Calibration([*GOOD, line(values)])
 
 

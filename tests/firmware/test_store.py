@@ -1,11 +1,13 @@
 """Saved files of a board: after a power cut at any step, either all are old or all are new."""
 
+import errno
 import itertools
 import os
 import shutil
 from types import SimpleNamespace
 
 import pytest
+from support.refusals import refusal
 
 from spots_device.board import store
 from spots_device.board.store import Store
@@ -263,7 +265,7 @@ def test_a_full_flash_changes_nothing_and_leaves_no_partial_files(monkeypatch, t
     there = {path.name for path in tmp_path.iterdir()}
     with monkeypatch.context() as patch:
         patch.setattr(store, "open", Full(files).open, raising=False)
-        with pytest.raises(OSError, match="28"):
+        with refusal(OSError, args=(errno.ENOSPC,)):
             save(NEW)
     assert load() == (OLD, None)
     assert {path.name for path in tmp_path.iterdir()} == there
@@ -279,6 +281,6 @@ def test_a_file_that_reads_back_differently_is_an_error(monkeypatch):
         written(path, lines[1:], crc)
 
     monkeypatch.setattr(store, "_write", forgetful)
-    with pytest.raises(OSError, match="5"):
+    with refusal(OSError, args=(errno.EIO,)):
         save(NEW)
     assert load() == (OLD, None)

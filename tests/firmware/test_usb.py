@@ -10,6 +10,7 @@ from types import ModuleType, SimpleNamespace
 from unittest.mock import Mock
 
 import pytest
+from support.refusals import refusal
 
 from spots.link.decoder import Decoder
 from spots_device.board.outputs import INTERFACES
@@ -715,7 +716,7 @@ def test_micropython_is_no_usb_device_where_its_reports_would_be_empty(monkeypat
     module = fresh(monkeypatch, "board.micropython", micropython={}, machine=machine)
     implementation = SimpleNamespace(version=(1, 26, 1))
     module.sys = SimpleNamespace(platform="esp32", implementation=implementation)
-    with pytest.raises(OSError, match=r"1\.26 sends empty reports"):
+    with refusal(OSError):
         module.MachineUsb(SimpleNamespace()).open(["keyboard"])
 
 

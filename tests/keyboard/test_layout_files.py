@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from support.refusals import refusal
 
 from spots import cli
-from spots.errors import SpotsError
+from spots.errors import FileError, SettingError, SpotsError
 from spots.keyboard.keys import say
 from spots.keyboard.layout import FOLDER, load
 from spots.outputs.usages import USAGES
@@ -194,12 +195,12 @@ def test_a_mistake_is_told_with_its_line_and_what_to_do(tmp_path, capsys, text):
 
 
 def test_no_file_says_which_there_are():
-    with pytest.raises(SpotsError, match=r"one of these names: digits, media, mini"):
+    with refusal(FileError, file="maxi"):
         load("maxi")
 
 
 def test_a_character_without_a_key_is_told():
-    with pytest.raises(SpotsError, match="no key for 'a'"):
+    with refusal(SettingError):
         Typist(load("digits"), 85.0, np.random.default_rng(0)).type("a")
 
 

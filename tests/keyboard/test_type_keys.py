@@ -6,9 +6,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.refusals import refusal
 
 from spots import cli
-from spots.errors import SpotsError
+from spots.errors import BoardError, RequirementError, SpotsError
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keyboard import type_on
 from spots.keyboard.keys import push
@@ -85,8 +86,8 @@ def test_whatever_ends_it_lets_go(board, monkeypatch, end):
 
 
 def test_a_keyboard_that_fails_in_the_middle_of_a_key_lets_go(board):
-    computer = Computer(fails=SpotsError("the device is gone"))
-    with pytest.raises(SpotsError, match="is gone"), computer:
+    computer = Computer(fails=RequirementError("the device is gone"))
+    with refusal(RequirementError), computer:
         type_on(board, load("digits"), computer)
     assert computer.typed.presses == 1
     assert not computer.typed.down
@@ -232,7 +233,7 @@ def test_a_board_too_slow_for_keys_is_refused_in_a_sentence(average):
         lambda: type_on(board, load("digits"), Computer()),
         lambda: play(board, lambda one: None, None, False, Mapping()),
     ):
-        with pytest.raises(SpotsError, match=r"a reading every .* s.*every 0\.3 s: set a shorter"):
+        with refusal(BoardError, why="too_slow"):
             start()
 
 
@@ -262,13 +263,13 @@ def test_resting_is_followed_on_the_board_too(board, tmp_path):
 
 
 def test_the_setting_of_earlier_firmware_is_answered(board):
-    with pytest.raises(SpotsError, match="'baseline' is no longer a setting: the board follows"):
+    with refusal(BoardError, why="bad_value"):
         board.command("set baseline=1")
 
 
 def test_a_board_without_a_calibration_is_told(sensor):
     bare = Board(LockstepLink(sensor, Scenario(HELD), 0))
-    with bare, pytest.raises(SpotsError, match="run 'spots calibrate'"):
+    with bare, refusal(BoardError, why="no_calibration"):
         type_on(bare, load("digits"), Computer())
 
 

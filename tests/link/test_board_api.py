@@ -21,7 +21,14 @@ from support.stand_in_link import StandIn
 
 import spots
 import spots_linkage
-from spots.errors import BoardError, ClosedError, PortError, PortLostError, SettingError, SpotsError
+from spots.errors import (
+    BoardError,
+    ClosedError,
+    NoReplyError,
+    PortError,
+    PortLostError,
+    SettingError,
+)
 from spots.link import readers
 from spots.link.board import Board
 from spots.link.frames import Spectrum, Touch
@@ -144,7 +151,7 @@ def test_the_latest_reading_is_what_is_there_and_costs_no_time():
     assert first.position_um == 42_000
     link.read = lambda timeout_s: b""
     assert board.latest() is first
-    with pytest.raises(SpotsError, match="the board has no strip 1: its strips are 0"):
+    with refusal(SettingError):
         board.latest(sensor=1)
     board._channel.loss.expect(link.now_s() - 10)  # no reading for ten seconds
     assert board.latest() is None
@@ -252,7 +259,7 @@ def test_a_timeout_that_is_too_short_names_the_call_that_does_not_wait(strip):
 @pytest.mark.board
 def test_a_strip_that_the_board_does_not_have_is_refused_by_its_number(sensor):
     link = LockstepLink(sensor, Scenario(load(ScenarioFile, "demo")))
-    with pytest.raises(SpotsError, match="has no strip 1: leave out #1"):
+    with refusal(PortError):
         Board(link, 1)
 
 
@@ -263,7 +270,7 @@ def test_a_slow_board_has_time_for_its_newest_reading(strip):
     link.streams, link.deaf = None, {"stream", "sync"}
     board._channel.wanted = {0: ["touch"]}
     began_s = link.now_s()
-    with pytest.raises(SpotsError, match=r"within 4\.5 s"):
+    with refusal(PortError):
         board.read_latest()
     assert link.now_s() - began_s == pytest.approx(4.5, abs=0.3)
 
@@ -385,7 +392,7 @@ def test_a_lost_board_ends_asyncio_with_its_error(strip):
         async for _ in board.atouches():
             link.gone = 1_000_000
 
-    with pytest.raises(SpotsError, match="no such port"):
+    with refusal(PortError):
         asyncio.run(asyncio.wait_for(read(), GIVE_UP_S))
 
 
@@ -429,7 +436,7 @@ def test_a_second_thread_gets_all_readings_while_the_first_one_sends_commands(st
     for _ in range(100):
         assert board.command("hello")["id"] is None
     link.deaf = {"autoexpose"}
-    with pytest.raises(SpotsError, match=r"no reply to 'autoexpose' within 5 s .*: wait for 120 s"):
+    with refusal(NoReplyError):
         board.command("autoexpose", 5.0)
     assert enough.wait(GIVE_UP_S)
     board.close()
@@ -457,7 +464,7 @@ def test_a_closed_board_is_said_to_be_closed(strip):
         lambda: take(touches, 9999),
         lambda: board.record("x.spots"),
     ):
-        with pytest.raises(SpotsError, match="stand-in is closed: open it again"):
+        with refusal(ClosedError):
             use()
 
 

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from support.joints import JOINT
 from support.joints import touch as reading
+from support.refusals import refusal
 
-from spots import SpotsError
 from spots.calibrate import calibration_file as file
+from spots.errors import CalibrationError, SettingError
 from spots.keyboard import layout
 from spots.link.board import Board
 from spots_linkage import Encoder, Linkage, Twin, mounted, panel, twin_source
@@ -80,7 +81,7 @@ def test_two_joints_with_the_calibration_of_one_strip_are_refused(arm, monkeypat
     one = path.with_name("one.toml")
     mounted.save(msgspec.structs.replace(found, joint=[found.joint[0]] * 2), one, None)
     with (
-        pytest.raises(SpotsError, match="both joints have the calibration of strip 1"),
+        refusal(CalibrationError),
         twin_source.opened(one, ["here"]),
     ):
         pass
@@ -88,7 +89,7 @@ def test_two_joints_with_the_calibration_of_one_strip_are_refused(arm, monkeypat
 
 def test_a_reading_of_a_third_sensor_is_refused_in_one_sentence():
     twin = Twin(Linkage((100, 45, 45, 100), 80), (Encoder(JOINT), Encoder(JOINT)))
-    with pytest.raises(SpotsError, match="index of a joint must be 0 or 1, not 2"):
+    with refusal(SettingError):
         twin.take(2, reading(0.0, 10_000))
 
 

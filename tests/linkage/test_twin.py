@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from support.joints import JOINT
 from support.joints import touch as reading
+from support.refusals import refusal
 
-from spots import SpotsError, cli
+from spots import cli
+from spots.errors import SettingError
 from spots_linkage import Encoder, Linkage, Twin
 from spots_linkage import twin as twin_command
 from spots_linkage.fivebar import Limit
@@ -157,7 +159,7 @@ def test_a_path_that_is_closed_is_gone_along_again(files):
 
 
 def test_two_encoders_it_is():
-    with pytest.raises(SpotsError, match="two encoders"):
+    with refusal(SettingError):
         Twin(LINKAGE, (Encoder(JOINT),))
 
 

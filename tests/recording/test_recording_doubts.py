@@ -5,8 +5,10 @@ import warnings
 
 import pytest
 from support.recording_pieces import at, spread
+from support.refusals import refusal
 
-from spots import Recording, RecordingBlocks, SpotsError, cli, open_recording, read_arrays
+from spots import Recording, RecordingBlocks, cli, open_recording, read_arrays
+from spots.errors import FileError
 from spots.link.decoder import Decoder
 from spots.link.frames import Note, Touch
 from spots.recording import replay
@@ -149,5 +151,5 @@ def test_swapped_files_of_a_recording_are_refused(tmp_path):
     contents = first.read_bytes(), second.read_bytes()
     second.write_bytes(contents[0])
     first.write_bytes(contents[1])
-    with pytest.raises(SpotsError, match=r"run-001.spots is the file run-002.spots of this record"):
+    with refusal(FileError, file="run-001.spots"):
         Recording(path)

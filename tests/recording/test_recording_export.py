@@ -13,9 +13,11 @@ import pytest
 from mcap.reader import make_reader
 from support.frames import encoded, stream
 from support.reels import INFO, clock, record
+from support.refusals import refusal
 
 import spots
 from spots.cli import main
+from spots.errors import FileError
 from spots.link.frames import Contact, Key, Spectrum, Text, Touch
 from spots.recording import export as exports
 from spots.recording.table import described as described_by
@@ -278,7 +280,7 @@ def test_nothing_is_written_over_and_nothing_half(tmp_path, capsys, kind):
 
 def test_if_one_of_the_tables_cannot_be_written_none_is(seen, tmp_path):
     (tmp_path / "out-spectrum.csv").write_text("mine")
-    with pytest.raises(spots.SpotsError, match=r"out-spectrum.csv exists"):
+    with refusal(FileError, file="out-spectrum.csv"):
         exported(seen, tmp_path, "csv")
     assert [path.name for path in tmp_path.iterdir()] == ["out-spectrum.csv"]
 

@@ -7,8 +7,9 @@ import pytest
 from support.frames import stream
 from support.recording_pieces import at, spread
 from support.reels import INFO, record, recorder, replayed
+from support.refusals import refusal
 
-import spots
+from spots.errors import FileError
 from spots.recording.recording import Recording
 from spots.recording.writer import Writer
 
@@ -50,7 +51,7 @@ def test_every_file_of_a_set_has_the_right_times_by_itself(rotated):
 def test_a_missing_file_of_a_set_is_told(rotated):
     path, _ = rotated
     path.with_name("run-001.spots").unlink()
-    with pytest.raises(spots.SpotsError, match=r"run-001.spots is missing or damaged"):
+    with refusal(FileError, file="run-001.spots"):
         Recording(path)
     assert replayed(path.with_name("run-002.spots"))[0]
     alone = path.with_name("alone.spots")
@@ -86,8 +87,7 @@ def test_a_set_never_writes_over_a_file(tmp_path):
     other = tmp_path / "run-001.spots"
     tap = recorder(path, stream(200), rotate_bytes=1800)
     other.write_text("mine")  # another program creates this file during the recording
-    refusal = r"run-001.spots exists: choose another name"
-    with pytest.raises(spots.SpotsError, match=refusal):
+    with refusal(FileError, file="run-001.spots"):
         all(tap.read(1) for _ in range(200))
     assert other.read_text() == "mine"
     assert tap.read(1)  # the link still works
@@ -100,7 +100,7 @@ def test_a_set_does_not_begin_where_one_of_its_later_files_is_in_the_way(tmp_pat
     for other in ("run-01.spots", "run-000.spots", "run-001.csv", "rerun-001.spots"):
         (tmp_path / other).write_text("in nobody's way")
     before = sorted(tmp_path.iterdir())
-    with pytest.raises(spots.SpotsError, match=f"{name} exists: choose another name"):
+    with refusal(FileError, file=name):
         recorder(tmp_path / "run.spots", stream(1), rotate_bytes=1600)
     assert sorted(tmp_path.iterdir()) == before
     (tmp_path / name).unlink()

@@ -10,9 +10,10 @@ import pyarrow.parquet as pq
 import pytest
 from lerobot_doctor.dataset_loader import load_local
 from lerobot_doctor.runner import Severity, run_checks
+from support.refusals import refusal
 
 import spots
-from spots.errors import SpotsError
+from spots.errors import FileError
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.recording.export import export
@@ -102,11 +103,11 @@ def test_an_existing_folder_and_a_recording_without_readings_are_refused(
     recordings, sensor, tmp_path
 ):
     (tmp_path / "there").mkdir()
-    with pytest.raises(SpotsError, match=r"there exists: choose another name"):
+    with refusal(FileError, file="there"):
         export(recordings / "plain.spots", "lerobot", tmp_path / "there")
     board = Board(LockstepLink(sensor, Scenario(load(ScenarioFile, "demo")), 1))
     with board, board.record(tmp_path / "empty.spots"):
         pass
-    with pytest.raises(SpotsError, match="has no readings"):
+    with refusal(FileError):
         export(tmp_path / "empty.spots", "lerobot", tmp_path / "new")
     assert not (tmp_path / "new").exists()

@@ -5,9 +5,11 @@ import json
 import msgspec
 import numpy as np
 import pytest
+from support.refusals import refusal
 
 from spots import SpotsError
 from spots.cli import main
+from spots.errors import FileError
 from spots_sim.board.identity import board_id
 from spots_sim.strip import files
 from spots_sim.strip.change import NAMES, Change
@@ -203,7 +205,7 @@ def test_a_mistake_in_a_change_is_one_sentence_with_its_place(tmp_path, text, sa
 def test_points_of_a_change_ascend(tmp_path):
     path = tmp_path / "s.toml"
     path.write_text("seconds = 9\n[change]\ndie_nm = [[3, 1], [2, 2]]\n")
-    with pytest.raises(SpotsError, match=r"change\.die_nm must ascend"):
+    with refusal(FileError, file="s.toml"):
         load(ScenarioFile, path)
 
 

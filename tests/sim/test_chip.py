@@ -1,7 +1,10 @@
 """The simulated AS7341: each register behaves as the datasheet describes."""
 
+import errno
+
 import numpy as np
 import pytest
+from support.refusals import refusal
 
 from spots_sim.chip.as7341 import (
     AS7341,
@@ -90,9 +93,9 @@ def test_identity_and_reset_values():
 
 def test_it_does_not_answer_right_after_power_on_nor_at_other_addresses():
     fresh = I2CBus(AS7341(Lamp(), SILENT, np.random.default_rng(0)), SimulatedClock(100.0))
-    with pytest.raises(OSError, match="acknowledge"):
+    with refusal(OSError, errno=errno.ENODEV):
         fresh.write_read(ADDRESS, b"\x92", 1)
-    with pytest.raises(OSError, match="acknowledge"):
+    with refusal(OSError, errno=errno.ENODEV):
         Bench().bus.write_read(0x38, b"\x92", 1)
 
 

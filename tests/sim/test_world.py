@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from support.refusals import refusal
 
-from spots.errors import SpotsError
+from spots.errors import FileError, SpotsError
 from spots_sim.strip import files
 from spots_sim.strip.contact import coupling
 from spots_sim.strip.files import ScenarioFile, SensorFile, load
@@ -99,5 +100,5 @@ def test_a_mistake_in_a_file_is_one_sentence_with_its_place(tmp_path, text, says
 
 
 def test_an_unknown_name_lists_the_known_ones():
-    with pytest.raises(SpotsError, match=r"cannot read the sensor file nope.*default"):
+    with refusal(FileError, file="nope"):
         load(SensorFile, "nope")

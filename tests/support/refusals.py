@@ -2,20 +2,22 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from spots.errors import SpotsError
-
 
 @contextmanager
-def refusal(kind: type[SpotsError], **reason: str) -> Iterator[Any]:
+def refusal(kind: type[Exception], file: str = "", **reason: object) -> Iterator[Any]:
     """Expect an error of exactly this class and reason, as in ``refusal(BoardError, why="busy")``.
 
-    Yields pytest's information about the exception, as ``pytest.raises`` does.
+    `file` is the name of the file that is meant, without its folder. Yields pytest's information
+    about the exception, as ``pytest.raises`` does.
     """
     with pytest.raises(kind) as caught:
         yield caught
-    assert type(caught.value) is kind
-    assert {name: getattr(caught.value, name) for name in reason} == reason
+    error: Any = caught.value
+    assert type(error) is kind
+    assert {name: getattr(error, name) for name in reason} == reason
+    assert not file or Path(error.path).name == file

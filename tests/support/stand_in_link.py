@@ -4,7 +4,7 @@ import json
 import struct
 from collections import Counter
 
-from spots.errors import PortLostError, SpotsError
+from spots.errors import PortError, PortLostError
 from spots_device import PROTOCOL
 from support.fault_streams import encoded
 
@@ -42,7 +42,7 @@ class StandIn:
         self.tries_s.append(self.time_s)
         self.gone = max(0, self.gone - 1)
         if self.gone:
-            raise SpotsError("there is no such port")
+            raise PortError("there is no such port")
         self.closed = False
 
     def read(self, timeout_s):

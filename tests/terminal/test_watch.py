@@ -4,9 +4,10 @@ import io
 
 import pytest
 from rich.console import Console
+from support.refusals import refusal
 
 from spots import cli
-from spots.errors import SpotsError
+from spots.errors import PortError
 from spots.link import connect
 from spots.link import serial_link as link
 from spots.link.frames import LinkStats, Spectrum, Touch
@@ -78,5 +79,5 @@ def test_ports_says_what_answered_on_each(monkeypatch, capsys):
 
 def test_no_board_found_says_why_each_port_was_none(monkeypatch):
     monkeypatch.setattr(link, "usb_ports", lambda: [Port])
-    with pytest.raises(SpotsError, match=r"no board found.*there is no port /dev/ttyNONE"):
+    with refusal(PortError):
         connect.open()

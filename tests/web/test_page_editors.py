@@ -10,11 +10,12 @@ import re
 
 import pytest
 from playwright.sync_api import expect
+from support.refusals import refusal
 from support.serving import Bench, apart, eventually, post, token_of
 
 from spots.cli import main
 from spots.controller import controller_settings
-from spots.errors import BoardError, NoReplyError, SpotsError
+from spots.errors import BoardError, ChangedError, FileError, NoReplyError
 from spots.keyboard import keys
 from spots.keyboard.layout import load
 from spots.link.board import Board
@@ -106,7 +107,7 @@ def test_two_servers_do_not_overwrite_each_other(desk, tmp_path):
     other = SettingsEditor("controller", desk.paths["controller"], PageState())
     assert desk.store("controller", SETTINGS + "# first\n")[0] == 204
     request = {"do": "save", "text": SETTINGS + "# second\n", "base": other.base}
-    with pytest.raises(SpotsError, match="another program has changed"):
+    with refusal(ChangedError, file="controller.toml"):
         other._handle(desk.bench.board, other.decode(json.dumps(request).encode()))
     assert desk.paths["controller"].read_text() == SETTINGS + "# first\n"
 
@@ -313,6 +314,6 @@ def test_a_folder_that_cannot_be_written_is_reported_at_the_start(tmp_path, monk
         raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
     monkeypatch.setattr(user_file.atomic.tempfile, "NamedTemporaryFile", refuse)
-    with pytest.raises(SpotsError, match="Read-only file system"):
+    with refusal(FileError, file="mine.toml"):
         LayoutEditor(tmp_path / "mine.toml", DIGITS, PageState())
     assert not list(tmp_path.iterdir())

@@ -11,9 +11,11 @@ from playwright.sync_api import expect
 from support.joints import JOINT
 from support.joints import touch as reading
 from support.linkage_machine import Machine
+from support.refusals import refusal
 from support.serving import apart, until
 
 from spots import SpotsError, cli
+from spots.errors import SettingError
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots_linkage import Encoder, Linkage, Twin, panel
@@ -94,7 +96,7 @@ def test_boards_of_a_linkage_file_are_waited_for(machine, monkeypatch, running):
     there.add("1")
     awaited(lambda: part(state)["x_mm"] is not None)
     assert part(state)["note"] == ""
-    with pytest.raises(SpotsError, match="--port was given 3 times"):
+    with refusal(SettingError):
         panel.linkage_sources(str(machine.arm), ["0", "1", "2"], twin(state))
 
 
