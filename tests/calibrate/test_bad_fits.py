@@ -12,6 +12,8 @@ from spots.calibrate.session.make import make
 from spots.calibrate.session.session_file import Session
 from spots.errors import CalibrationError
 
+pytestmark = pytest.mark.board
+
 
 def run(*arguments):
     return cli.main(["calibrate", *map(str, arguments), "--port", "virtual"])
@@ -58,7 +60,6 @@ def moved(kind, number, um):
     return change
 
 
-@pytest.mark.board
 @pytest.mark.parametrize(
     ("session", "change", "says"),
     [
@@ -74,7 +75,6 @@ def test_wrong_positions_are_refused(session, change, says, request, tmp_path):
         make(Session(path), say=lambda text: None)
 
 
-@pytest.mark.board
 def test_positions_that_give_no_table_are_refused(pressed, tmp_path):
     path = changed(pressed, tmp_path, moved("hand", -10, 9000.0))
     with refusal(CalibrationError):
@@ -101,7 +101,6 @@ def test_wrong_second_forces_are_refused(pressed, tmp_path):
         make(Session(path), say=lambda text: None)
 
 
-@pytest.mark.board
 def test_a_wrong_angle_is_refused(staged, tmp_path):
     def change(number, point):
         wrong = point.kind == "joint" and number == 5

@@ -96,6 +96,7 @@ def test_what_the_paper_publishes_is_reached_but_for_the_light_of_10_ms(run):
     assert found["joint"]["r2"] > 0.999
 
 
+@pytest.mark.board
 def test_resolution_and_accuracy_agree_with_noise_that_is_nearly_normal(run):
     position = run.summary["position"]
     assert position["resolution_um"] == pytest.approx(position["bound_um"], rel=0.15)
@@ -103,6 +104,7 @@ def test_resolution_and_accuracy_agree_with_noise_that_is_nearly_normal(run):
     assert position["accuracy_um"] == pytest.approx(0.8 * position["bound_um"], rel=0.15)
 
 
+@pytest.mark.board
 def test_the_resolution_of_the_force_is_near_its_bound(run):
     force = run.summary["force"]
     # Repeated readings of a constant press have the same rounding error, which is not visible then.
@@ -131,10 +133,12 @@ def test_the_joints_play_is_found(sensor):
     assert run.summary["joint"]["accuracy_deg"] == pytest.approx(0.25, rel=0.15)
 
 
+@pytest.mark.board
 def test_the_dead_zone_is_the_contacts(run, sensor):
     assert sensor.contact.threshold_mN < run.summary["force"]["threshold_mN"] < 230
 
 
+@pytest.mark.board
 def test_bending_and_strain_keep_the_accuracy(run):
     best = run.summary["position"]["accuracy_um"]
     rows = run.summary["bend"] + run.summary["strain"]

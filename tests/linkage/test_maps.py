@@ -99,6 +99,7 @@ def test_a_real_linkage_is_right_again_after_a_re_zero_of_its_joints(files):
     assert rezeroed < 0.2
 
 
+@pytest.mark.board
 def test_without_matplotlib_it_says_what_to_install(monkeypatch, tmp_path, found):
     find = importlib.util.find_spec
     monkeypatch.setattr(
