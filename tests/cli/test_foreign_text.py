@@ -364,7 +364,7 @@ def test_names_of_published_boards(screen, network):
 
 def test_an_error_in_place_of_a_published_board_reply(screen, network):
     with Announced(network, "a1") as announced:
-        announced.replies("hello", EVIL, success=False)
+        announced.replies("hello", json.dumps({"error": EVIL}), success=False)
         assert screen.run("monitor", "--port", "zenoh:") == 2
     assert_shown(screen.text())
 

@@ -328,7 +328,9 @@ time.sleep(10)
         # These run in the main thread, where an exception ends the program.
         (r"signal\.signal\(", {"spots/common/signals.py"}),
         (r"Executor\(", {"spots_web/recordings.py"}),
-        (r"atexit|Timer\(|run_in_executor|excepthook", set()),
+        # Python prints an exception of such a function, and the program ends as it would have.
+        (r"atexit\.", {"spots/link/readers.py"}),
+        (r"Timer\(|run_in_executor|excepthook", set()),
         # Python prints an exception of a finalizer, and goes on; these only end processes.
         (
             r"weakref\.finalize",
