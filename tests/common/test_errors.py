@@ -32,6 +32,18 @@ HOUSE_WORDS = {
 # Most lines of tests that compare an error with a sentence, because a table of faults of one class
 # is told apart by nothing else. All other tests use `support.refusals.refusal`.
 SENTENCES_MAX = 60
+# What else brings a sentence, or the rest of one, to a person: classes whose text is put into an
+# error of the tree, and functions that raise one. Strings without a space are no sentences.
+BRINGING = {
+    "ArgumentTypeError",
+    "ValidationError",
+    "ValueError",
+    "WrongKeyError",
+    "WrongTomlError",
+    "_refuse",
+    "error",
+    "refuse",
+}
 PLACEHOLDER = "\N{HORIZONTAL ELLIPSIS}"
 # A remedy follows a colon or semicolon, or the sentence states what is valid.
 REMEDY = re.compile(r"[:;] |\b(must|needs?|can be|is an array|are for)\b")
@@ -89,6 +101,38 @@ def sentences(raised):
     return {place: text for place, text in found.items() if text != PLACEHOLDER}
 
 
+@pytest.fixture(scope="module")
+def spoken(raised, sentences):
+    """Dict of the `sentences`, and of those that reach an error by another way, by place.
+
+    These are arguments of what is `BRINGING`, and results of functions and values of variables
+    that an error is called with.
+    """
+    found, heads = dict(sentences), [node.args[0] for _, node in raised if node.args]
+    heads = [one.func if isinstance(one, ast.Call) else one for one in heads]
+    names = {name_of(one) for one in heads} - {None, "str"}
+    for path in sorted(HOST.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            texts = []
+            if isinstance(node, ast.Call) and name_of(node.func) in BRINGING:
+                texts = [text_of(one) for one in node.args]
+            elif isinstance(node, ast.FunctionDef) and node.name in names:
+                inside = (
+                    one for one in ast.walk(node) if isinstance(one, ast.Return) and one.value
+                )
+                texts = [text_of(one.value) for one in inside]
+            elif isinstance(node, ast.Assign) and name_of(node.targets[0]) in names:
+                texts = [text_of(node.value)]
+            for i, text in enumerate(texts):
+                if " " in text.replace(PLACEHOLDER, ""):
+                    found[f"{path.relative_to(HOST)}:{node.lineno}.{i}"] = text
+    return found
+
+
+def name_of(node):
+    return getattr(node, "id", getattr(node, "attr", None))
+
+
 def test_the_docstring_shows_the_whole_tree():
     for one in classes():
         # The depth is that of the class below SpotsError; each step has four characters.
@@ -106,8 +150,23 @@ def test_all_sentences_are_found(raised, sentences):
     assert len(sentences) > 0.9 * len(raised)
 
 
-def test_a_message_is_one_line_without_a_period_at_its_end(sentences):
-    for place, text in sentences.items():
+def test_sentences_that_reach_an_error_by_another_way_are_found(sentences, spoken):
+    others = {text for place, text in spoken.items() if place not in sentences}
+    assert len(others) > 100
+    # By a helper, by a constant, by a struct of a file, and by an option.
+    for text in (
+        "the board on … was disconnected",
+        "must ascend: sort",
+        "unknown key '…'",
+        "is not a finite number",
+        "there is no option …",
+        "a session is running already",
+    ):
+        assert any(text in one for one in others), text
+
+
+def test_a_message_is_one_line_without_a_period_at_its_end(spoken):
+    for place, text in spoken.items():
         assert text == text.strip(), place
         assert "\n" not in text, place
         assert "  " not in text, place
@@ -121,9 +180,9 @@ def test_a_message_says_what_to_do_or_what_is_valid(sentences):
     assert found == PARTS
 
 
-def test_no_message_has_a_house_word(sentences):
+def test_no_message_has_a_house_word(spoken):
     pattern = re.compile(rf"\b({'|'.join(HOUSE_WORDS)})\b")
-    found = {place: pattern.findall(text) for place, text in sentences.items()}
+    found = {place: pattern.findall(text) for place, text in spoken.items()}
     assert not {place: words for place, words in found.items() if words}
 
 
