@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import fcntl
+import functools
 import gc
 import os
 import resource
 import signal
+import subprocess
 import sys
 from contextlib import contextmanager
 from pathlib import Path
@@ -57,7 +59,7 @@ def pytest_xdist_auto_num_workers():
 # MicroPython, or with minutes of a simulated board; all others are pure.
 TIERS = {"board": "starts processes, or computes for long", "browser": "uses a real browser"}
 OF_FIXTURES = {"browser": "browser", "built": "board", "results": "board", "seen": "board"}
-STARTS = {"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn"}
+STARTS = (subprocess.Popen, "__init__"), (os, "fork"), (os, "forkpty"), (os, "posix_spawn")
 _pure = []  # the pure test that runs
 
 
@@ -65,13 +67,20 @@ def pytest_configure(config):
     """Declare the tiers, and let a pure test fail that starts a process."""
     for name, words in TIERS.items():
         config.addinivalue_line("markers", f"{name}: {words}")
-    own = os.getpid()
+    # An audit hook would do the same, but Python calls it for every open file and import.
+    for owner, name in STARTS:
+        if hasattr(owner, name):
+            setattr(owner, name, _watched(getattr(owner, name)))
 
-    def refuse(event, _):
-        if event in STARTS and _pure and os.getpid() == own:
+
+def _watched(start):
+    @functools.wraps(start)
+    def watched(*arguments, **named):
+        if _pure:
             raise AssertionError(f"{_pure[0]} starts a process: mark it with pytest.mark.board")
+        return start(*arguments, **named)
 
-    sys.addaudithook(refuse)
+    return watched
 
 
 def pytest_collection_modifyitems(items):
