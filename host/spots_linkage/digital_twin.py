@@ -15,7 +15,8 @@ from spots.link.frames import Touch
 from spots.link.lines import of_sensor
 
 from .encoder import Angle, Encoder
-from .fivebar import Limit, LimitError, Linkage
+from .fivebar import Linkage
+from .limits import Limit, LimitError
 
 _GAP_S = 1.0  # no interpolation between two readings of a joint that are farther apart
 _SILENT_S = 3.0  # time without an angle of a joint after which the user is warned

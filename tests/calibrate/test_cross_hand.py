@@ -7,7 +7,9 @@ from support.press_model import Strip, has_cross
 from spots.calibrate.fit.decoded import Decoded
 from spots.calibrate.fit.fit import fit
 from spots.calibrate.fit.presses import FIRM_MN, FORCE_PLACES, MARKS, Noise, Presses
-from spots.calibrate.fit.surface import Sizes, Surface, fitted
+from spots.calibrate.fit.surface import Surface
+from spots.calibrate.fit.surface_search import fitted
+from spots.calibrate.fit.surface_sizes import Sizes
 from spots_device.reading.calibration import Calibration
 
 pytestmark = pytest.mark.board

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spots.calibrate.fit.presses import Noise, Presses
-from spots.calibrate.fit.surface import fitted
+from spots.calibrate.fit.surface_search import fitted
 from spots_sim.measure.bound import Bound
 from spots_sim.strip.files import SensorFile, load
 

@@ -13,7 +13,7 @@ from support.refusals import refusal
 
 from spots import SpotsError
 from spots_linkage import Linkage
-from spots_linkage.fivebar import Limit, LimitError
+from spots_linkage.limits import Limit, LimitError
 from spots_sim.person.mechanism import Mechanism, guided
 from spots_sim.strip.files import (
     LinkageFile,

@@ -12,7 +12,7 @@ from support.refusals import refusal
 from spots import SpotsError
 from spots.errors import CalibrationError, RequirementError
 from spots_linkage import Linkage, kinematics
-from spots_linkage.fivebar import Limit
+from spots_linkage.limits import Limit
 
 DRAWN = Linkage(100, 80)
 SIGMAS = {"angle_sigma_rad": 2e-4, "place_sigma_mm": 0.02}

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from spots.cli import main
-from spots_linkage.fivebar import LimitError, Linkage
+from spots_linkage.fivebar import Linkage
+from spots_linkage.limits import LimitError
 from spots_linkage.mjcf import mjcf, pose
 
 LINKAGES = {

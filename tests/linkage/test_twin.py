@@ -16,7 +16,7 @@ from spots import cli
 from spots.errors import SettingError
 from spots_linkage import Encoder, Linkage, Twin
 from spots_linkage import twin as twin_command
-from spots_linkage.fivebar import Limit
+from spots_linkage.limits import Limit
 from spots_sim.demo import linkage_demo
 from spots_sim.measure import survey
 from spots_sim.measure.simulated_linkage import START_S, Simulation

@@ -38,7 +38,7 @@ from spots import Board
 from spots.errors import PortError, SettingError
 from spots.recording.export import export
 from spots_linkage.digital_twin import Terminal
-from spots_linkage.fivebar import Limit
+from spots_linkage.limits import Limit
 from spots_linkage.twin import _publisher
 from spots_net import publish as publish_module
 from spots_net import zenoh_session as session_module

@@ -15,7 +15,7 @@ import numpy as np
 from spots_device.board.settings import DEFAULT_CHANNELS
 
 from ...errors import CalibrationError
-from .fit import Curves
+from .curves import Curves
 from .presses import Noise, Presses
 
 DIODES = ("F1", "F2", "F3", "F4", "F5", "F6", "F7", "F8", "CLEAR")

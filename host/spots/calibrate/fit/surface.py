@@ -28,6 +28,7 @@ from spots_device.sensor.smux import CHANNELS
 from .fit import estimators
 from .presses import FIRM_MN, FULL_MN, Noise, Presses
 from .ruler import common_error_um
+from .surface_sizes import CROSSED, USUAL, Sizes
 
 _PLACE, _FORCE = 8, 7  # number of coefficients of s_c and g
 _CROSS_PLACE, _CROSS_LIGHT = 3, 2  # number of polynomials of t_c in position and light
@@ -39,67 +40,12 @@ _WIDE = 30.0  # log2; expected size of a coefficient that is completely unknown
 _UNKNOWN = 4.0  # log2; standard deviation of the light of a press with an unknown force
 _STILL = 1 / 12  # counts**2; errors of dark frame and rounding, which more samples do not reduce
 _ROUNDS = 3  # iterations of a fit: errors of presses depend on the slopes of the previous iteration
-_SWEEPS = 4  # largest number of searches through all sizes in `fitted`
 _LIT = 1.0  # least log2 of the counts of the dimmest channel in a press to ask for
 _FAR = 0.9  # share of the length; each force to ask for must light all channels at this position
 _LEAST_MN = 20.0  # least force that a kitchen scale shows
 _LEAST_RELATIVE_MN = 100.0  # least force of a calibration without a scale
 _LOWER = 0.6  # least force to ask for, as a share of the least force of all earlier presses
 _ABOVE_DARK = 1.15  # least force to ask for, as a multiple of the largest force that was too dark
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """Expected sizes of the errors and coefficients of the model, see the module docstring.
-
-    - `place_um`: standard deviation of the positions that a person reads off a ruler.
-    - `force_share`: relative standard deviation of the forces that a person reads off a scale.
-    - `force_mN`: standard deviation of a further error that is the same for all forces: rounding of
-      the scale, and creep of earlier presses. It matters for weak forces.
-    - `bends`: for each channel c, the coefficient of degree 2 of `s_c`, in log2 units.
-    - `rise`: the coefficient of degree 2 of `g`, in log2 units.
-    - `dark_share`: force at which the strip begins to give light, as a share of the least force.
-    - `misfit`: standard deviation of a channel's log2(counts) from the model.
-    - `shift_um`: shift of the position of a very weak press.
-    - `cross`: the other part of t_c for a very weak press, in log2 units.
-    """
-
-    place_um: float = 300.0
-    force_share: float = 0.03
-    force_mN: float = 20.0
-    bends: tuple[float, ...] = (0.03,) * CHANNELS
-    rise: float = 0.3
-    dark_share: float = 0.8
-    misfit: float = 3e-4
-    shift_um: float = 0.0
-    cross: float = 0.0
-
-
-# Values of each size that `fitted` tries, see `Sizes`.
-_GRIDS = {
-    "place_um": (1.0, 10.0, 30.0, 60.0, 100.0, 200.0, 300.0, 500.0),
-    "force_share": (0.0003, 0.003, 0.01, 0.02, 0.03, 0.05, 0.08),
-    "force_mN": (0.3, 3.0, 20.0),
-    "bends": (3e-4, 1e-3, 0.003, 0.01, 0.03, 0.1, 0.3),
-    "rise": (0.03, 0.1, 0.3, 1.0),
-    "dark_share": (0.0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98),
-    "misfit": (3e-4, 1e-3, 3e-3, 1e-2),
-    "shift_um": (0.0, 100.0, 300.0, 1000.0, 3000.0),
-    "cross": (0.0, 0.003, 0.01, 0.03, 0.1),
-}
-# Each channel has its own expected bend. The curves `s_c` of most channels are nearly straight,
-# because these channels receive a narrow band of the spectrum. Errors of the ruler bend all curves
-# in proportion to their slopes. So curves that are known to be nearly straight reveal these errors.
-_SEARCHED = [
-    (name, channel)
-    for name in _GRIDS
-    for channel in (range(CHANNELS) if name == "bends" else (None,))
-]
-# Sizes of t_c from which the search for them starts, and the least increase of the evidence by t_c.
-_CROSSED = {"shift_um": 1000.0, "cross": 0.003}
-_CROSS_EVIDENCE = 5.0
-_CROSS_FROM = 20  # least number of presses with a known force for t_c
-_PLAIN = [one for one in _SEARCHED if one[0] not in _CROSSED]
 
 
 @dataclass(eq=False)
@@ -116,7 +62,7 @@ class Surface:
     noise: Noise
     samples: int
     length_um: float
-    sizes: Sizes = Sizes()
+    sizes: Sizes = USUAL
     start: InitVar[Surface | None] = None
 
     def __post_init__(self, start: Surface | None):
@@ -266,7 +212,7 @@ class Surface:
         """
         sizes = replace(self.sizes, bends=(max(self.sizes.bends),) * CHANNELS)
         if sizes.shift_um or sizes.cross:
-            sizes = replace(sizes, **_CROSSED)
+            sizes = replace(sizes, **CROSSED)
         return replace(self, sizes=sizes, start=self)
 
     def moved(self) -> Surface:
@@ -406,45 +352,3 @@ class Surface:
             worth += gain / np.einsum("ki,ij,kj->", rows, self._cov, rows)
         best = int(np.argmax(worth))
         return float(place[best]), float(force[best])
-
-
-def fitted(
-    presses: Presses,
-    noise: Noise,
-    samples: int,
-    length_um: float,
-    sizes: Sizes = Sizes(),
-) -> Surface:
-    """Fit surfaces with different `Sizes`; return that of largest evidence (marginal likelihood).
-
-    The search starts from `sizes`. The other arguments are those of `Surface`.
-    """
-    plain = replace(sizes, shift_um=0.0, cross=0.0)
-    best = _best(Surface(presses, noise, samples, length_um, plain), _PLAIN)
-    if (presses.force_mN > 0).sum() < _CROSS_FROM:
-        return best
-    crossed = sizes if sizes.shift_um or sizes.cross else replace(best.sizes, **_CROSSED)
-    crossed = _best(Surface(presses, noise, samples, length_um, crossed), _SEARCHED)
-    return crossed if crossed.evidence > best.evidence + _CROSS_EVIDENCE else best
-
-
-def _best(best: Surface, searched: list[tuple[str, int | None]]) -> Surface:
-    """Change the sizes `searched` one after the other while this increases the evidence."""
-    for _ in range(_SWEEPS):
-        before = best
-        for name, channel in searched:
-            grid, value = _GRIDS[name], getattr(best.sizes, name)
-            at = grid.index(value if channel is None else value[channel])
-            for step in (-1, 1):
-                for size in grid[at + step :: step] if at + step >= 0 else ():
-                    changed = size
-                    if channel is not None:
-                        changed = (*value[:channel], size, *value[channel + 1 :])
-                    sizes = replace(best.sizes, **{name: changed})
-                    surface = replace(best, sizes=sizes, start=best)
-                    if surface.evidence <= best.evidence:
-                        break
-                    best = surface
-        if best is before:
-            break
-    return best

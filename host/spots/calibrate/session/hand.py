@@ -11,7 +11,9 @@ import numpy as np
 from ...errors import CalibrationError
 from ..fit.points import Wanted, presses
 from ..fit.presses import FIRM_MN, FULL_MN, MARKS, Noise, Presses
-from ..fit.surface import Sizes, Surface, fitted
+from ..fit.surface import Surface
+from ..fit.surface_search import fitted
+from ..fit.surface_sizes import Sizes
 from . import baseline
 from .bench import CONTINUES, TRIES, BadPressError, Bench, TooDarkError, samples_of
 from .dialog import Dialog, Progress
