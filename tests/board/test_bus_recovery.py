@@ -127,7 +127,7 @@ def test_a_register_that_is_not_what_was_written_is_noticed_and_set_again(rig, r
     assert len(made.readings(20)) == 20
 
 
-def test_a_sensor_that_takes_everything_and_never_samples_is_told_once(rig):
+def test_a_sensor_that_acknowledges_but_never_samples_is_reported_once(rig):
     made = rig()
     chip = made.link.chip
     set_enable = chip._set_enable

@@ -114,7 +114,7 @@ def test_a_drive_that_is_the_hosts_refuses_a_save_and_the_board_goes_on(sensor, 
 
 
 @pytest.mark.usefixtures("own_firmware")
-def test_a_bus_without_pull_ups_is_told_once_and_tried_again(sensor, tmp_path):
+def test_a_bus_without_pull_ups_is_reported_once_and_tried_again(sensor, tmp_path):
     (tmp_path / "busio.py").write_text(
         "tries = []\n"
         "def I2C(scl, sda, *, frequency):\n"

@@ -19,7 +19,7 @@ from spots_sim.strip.scenario import Held
 pytestmark = pytest.mark.board
 
 
-def test_hello_tells_who_it_is(rig):
+def test_hello_returns_identity_and_settings(rig):
     info = rig().board.info
     assert info["protocol"] == 2
     assert info["board"] == "virtual"
@@ -228,7 +228,7 @@ def test_a_calibration_for_something_else_is_refused_with_what_to_do(rig, calibr
     assert made.board.command("hello")["calibration"] is None
 
 
-def test_memory_that_runs_out_is_no_older_firmware(rig, calibration, monkeypatch):
+def test_running_out_of_memory_is_not_reported_as_older_firmware(rig, calibration, monkeypatch):
     made = rig()
     command = made.board.command
 

@@ -155,7 +155,7 @@ def test_a_board_that_will_not_do(mount, capsys, about, sentence):
     assert set(files_of(folder)) == {"boot_out.txt"}
 
 
-def test_no_drive_two_drives_and_what_is_none(mount, capsys, tmp_path):
+def test_zero_or_two_drives_or_a_folder_are_refused(mount, capsys, tmp_path):
     assert "no CIRCUITPY drive found" in refused(capsys, "flash", "qtpy_rp2040")
     assert "is not a CircuitPython drive" in refused(
         capsys, "flash", "qtpy_rp2040", "--port", str(tmp_path)

@@ -132,7 +132,7 @@ def test_a_reading_that_fits_one_press_up_to_the_drift_moves_the_axes():
 
 
 @pytest.mark.parametrize("flags", DOUBTS + [flags | TOUCHING for flags in DOUBTS])
-def test_doubtful_readings_hold_the_last_good_state_for_so_long_then_rest(flags):
+def test_untrusted_readings_keep_the_last_valid_state_for_hold_ms_and_then_rest(flags):
     play = Play(hold_ms=100).touch(80, count=5)
     before, good_s = play.controller.state, play.now_s
     assert not play.controller.held
@@ -148,7 +148,7 @@ def test_doubtful_readings_hold_the_last_good_state_for_so_long_then_rest(flags)
     assert rest_s - good_s == pytest.approx(0.1, abs=0.0021)
 
 
-def test_silence_holds_the_last_good_state_for_so_long_then_rests_once():
+def test_a_timeout_keeps_the_last_valid_state_for_hold_ms_and_then_rests_once():
     play = Play(hold_ms=100).touch(80, count=5)
     good_s = play.now_s
     play.silence(0.098)

@@ -131,7 +131,7 @@ def test_many_damages_of_several_bytes(stream):
     assert many_damages(stream, 0) == []
 
 
-def test_a_decoder_that_does_not_look_at_the_crc_is_found_out(stream, monkeypatch):
+def test_the_proof_fails_for_a_decoder_that_ignores_the_crc(stream, monkeypatch):
     from spots.link import decoder as module
 
     monkeypatch.setattr(module, "checked", lambda piece: _unchecked(piece))

@@ -215,7 +215,7 @@ def test_a_fault_that_comes_while_readings_are_away_is_of_the_same_outage():
     assert {took["longest_s"] for took in found.values()} == {0.3}
 
 
-def test_readings_that_never_come_again_are_told():
+def test_readings_that_never_resume_are_reported():
     found = recovered([("power.brown_outs", 1.0, 1.15)], [*every_10_ms((0, 1)), 60.0])
     assert found["power.brown_outs"]["longest_s"] == 58.85
 

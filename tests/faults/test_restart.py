@@ -212,7 +212,7 @@ def test_a_lost_port_is_looked_for_by_the_clock_of_its_link():
     assert board.patience_s == 10.0
 
 
-def test_a_port_that_does_not_come_back_is_told(monkeypatch):
+def test_a_port_that_does_not_reappear_is_reported(monkeypatch):
     monkeypatch.setattr(module, "PATIENCE_S", 0.0)
     link, board = streaming()
     link.gone = 1000

@@ -185,7 +185,7 @@ def test_a_joints_fit_knows_the_noise_at_both_ends():
     assert joint.high[1] == pytest.approx(0.02 * math.exp(1.5), rel=0.08)
 
 
-def test_an_encoder_that_is_none():
+def test_an_invalid_encoder_is_refused():
     with refusal(CalibrationError):
         Encoder(None)
     with refusal(SettingError):

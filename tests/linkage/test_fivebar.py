@@ -264,6 +264,6 @@ def test_shapes_broadcast_and_masks_stay():
         (100, 80, "up", "'far' or 'near'"),
     ],
 )
-def test_a_linkage_that_is_none(bars, base, assembly, words):
+def test_an_invalid_linkage_is_refused(bars, base, assembly, words):
     with pytest.raises(SpotsError, match=words):
         Linkage(bars, base, assembly)

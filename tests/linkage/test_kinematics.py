@@ -83,7 +83,7 @@ def test_a_picture_of_unknown_scale_does_not_tell_the_lengths():
     assert given.values["frame_scale"] == pytest.approx(1.03, abs=3e-3)
 
 
-def test_a_joint_that_never_turned_tells_no_gain():
+def test_a_joint_that_never_turned_has_no_gain():
     # End points on a circle around an elbow that does not move.
     theta2 = np.linspace(-1.4, 0.2, 40)
     theta1 = np.full(40, -0.5)

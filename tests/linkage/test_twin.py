@@ -110,7 +110,7 @@ def test_limits_are_told_and_not_drawn():
     assert "near singular" in twin_command.line(terminal, 0.0)
 
 
-def test_over_a_gap_nothing_is_told():
+def test_nothing_is_reported_across_a_gap():
     one = twin()
     one.take(0, at(-0.3, 0.0))
     assert len(one.take(1, at(-0.6, 0.0))) == 1
@@ -142,7 +142,7 @@ def test_a_recording_that_is_played_again_is_told_again():
     assert list(one.follow(pairs))[-40:] == first[-40:]
 
 
-def test_a_path_that_is_closed_is_gone_along_again(files):
+def test_a_closed_path_is_repeated(files):
     sensor, linkage, path = files
     motion = guided(closed(path), START_S)
     assert motion.at(motion.seconds) == pytest.approx(motion.at(START_S), abs=0.2)
@@ -189,7 +189,7 @@ def test_the_subtle_vibrations_are_in_the_twin(files):
 
 
 @pytest.mark.board
-def test_a_run_repeats_and_a_recording_tells_the_same(short):
+def test_a_run_repeats_and_its_recording_gives_the_same_result(short):
     sensor, linkage, path = short
     first = survey.follow(*short, seed=5)
     motion = guided(path, START_S)
@@ -243,7 +243,7 @@ def quick(short, tmp_path):
 
 
 @pytest.mark.board
-def test_the_command_tells_errors_lines_and_draws(quick, capsys, tmp_path):
+def test_the_command_prints_errors_and_lines_and_draws(quick, capsys, tmp_path):
     picture = tmp_path / "s.png"
     assert cli.main([*quick, "--json", "--picture", str(picture)]) == 0
     figures = json.loads(capsys.readouterr().out)

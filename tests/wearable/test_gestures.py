@@ -56,7 +56,7 @@ def arm():
     return Arm()
 
 
-def test_a_tap_is_told_when_no_second_one_came(arm):
+def test_a_tap_is_reported_when_no_second_one_follows(arm):
     arm.go(30, 30, 0.12)
     arm.lift(0.2)
     assert arm.names == []
@@ -82,7 +82,7 @@ def test_taps_far_apart_are_two(arm):
     assert arm.names == [g.TAP, g.TAP]
 
 
-def test_a_hold_is_told_at_its_end_or_when_it_is_long(arm):
+def test_a_hold_is_reported_at_its_end_or_when_it_is_long(arm):
     arm.go(30, 31, 0.8)
     arm.lift()
     assert arm.names == [g.HOLD]
@@ -108,7 +108,7 @@ def test_a_finger_that_rests_and_moves_slides(arm, to_mm, name):
     assert arm.names == [name]
 
 
-def test_a_squeeze_is_told_while_it_lasts_and_nothing_else(arm):
+def test_only_a_squeeze_is_reported_while_it_lasts(arm):
     arm.go(40, 40, 0.1, force_mN=1000, to_mN=8000)
     arm.go(40, 40, 0.2, force_mN=8000)
     assert arm.names == [g.SQUEEZE]
@@ -183,7 +183,7 @@ def test_a_finger_that_never_rests_costs_no_more_the_longer_it_moves():
 
 
 @pytest.mark.parametrize("seconds", [0.4, 600.0])
-def test_a_tap_that_waits_is_forgotten_in_silence(arm, seconds):
+def test_a_waiting_tap_is_dropped_after_a_timeout(arm, seconds):
     arm.go(30, 30, 0.12)
     arm.lift(0.1)
     arm.now_s += seconds
@@ -191,7 +191,7 @@ def test_a_tap_that_waits_is_forgotten_in_silence(arm, seconds):
     assert arm.names == []
 
 
-def test_a_finger_of_before_the_silence_is_forgotten(arm):
+def test_a_finger_from_before_a_timeout_is_dropped(arm):
     arm.go(30, 30, 0.3)
     arm.now_s += 600
     arm.go(30, 30, 2)  # no gesture: the finger must lift first

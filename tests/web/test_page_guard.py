@@ -435,7 +435,7 @@ def test_why_there_is_no_board_is_printed_once_for_each_reason(capsys):
 
 
 @pytest.mark.parametrize("package", ["aiohttp", "tomlkit"])
-def test_what_is_not_installed_is_told(monkeypatch, capsys, package):
+def test_a_missing_package_is_reported(monkeypatch, capsys, package):
     monkeypatch.setitem(sys.modules, package, None)
     for name in ("serve", "editors", "toml_text"):
         monkeypatch.delitem(sys.modules, f"spots_web.{name}", raising=False)
