@@ -585,6 +585,8 @@ def test_the_info_of_a_virtual_board_has_its_calibration():
     with spots.open("virtual") as board:
         assert board.info == board.command("hello")
         assert board.info["calibration"]
+        board.command("cal clear")
+        assert board.command("hello")["calibration"] is board.info["calibration"] is None
 
 
 def test_a_board_that_is_lost_while_nothing_streams_is_lost_at_once(strip):

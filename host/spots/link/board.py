@@ -116,7 +116,10 @@ class Board(Readings, AbstractContextManager["Board"]):
 
     @property
     def info(self) -> Hello:
-        """The board's reply to ``hello``, updated by ``set``, ``autoexpose`` and calibrations."""
+        """The latest reply to ``hello``, with settings that were changed since.
+
+        Its ``calibration`` may have become invalid by such a change: ``command("hello")`` asks.
+        """
         return self._channel.info
 
     @property

@@ -119,6 +119,8 @@ class Commands:
             channel.loss.expect(channel.now_s() if channel.wanted else None)
         if sensor == 0:
             self.take_settings(content)
+        if content["re"] == "hello" and sensor == 0:
+            channel.info = cast("Hello", dict(content))
         if content["re"] in ("set", "autoexpose") and sensor == 0:
             known = {name: reply.content[name] for name in channel.info if name in reply.content}
             channel.info = cast("Hello", {**channel.info, **known, "re": "hello"})
