@@ -43,7 +43,7 @@ PARALLEL = {"bench", "remote", "web"}
 IN_CPYTHON = {"calibrate", "controller", "keyboard", "linkage", "referee", "remote", "sim", "top"}
 IN_CPYTHON |= {"wearable", "web"}
 IN_CPYTHON |= {"test_contacts.py", "test_doctor.py", "test_fast_typing.py"}
-IN_CPYTHON |= {"test_pages_run.py", "test_uses_under_fire.py"}
+IN_CPYTHON |= {"test_uses_under_fire.py"}
 
 
 @pytest.hookimpl(optionalhook=True)
