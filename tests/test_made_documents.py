@@ -4,6 +4,7 @@ tests/calibrate/test_figures.py runs the one for paper.md.
 """
 
 import asyncio
+import re
 from functools import partial
 from pathlib import Path
 
@@ -46,6 +47,9 @@ def test_the_page_of_the_linkage(tmp_path, monkeypatch):
     }  # fmt: skip
     text = (tmp_path / "evidence" / "linkage.md").read_text(encoding="utf-8")
     assert "places, mean of a stop | 0." in text
+    (mm,) = re.findall(r"^Accuracy .*: at most (\S+) mm with ideal strips\.$", text, re.MULTILINE)
+    (row,) = re.findall(r"^\| fitted to \d+ places \| .* to (\S+) \|$", text, re.MULTILINE)
+    assert float(mm) == pytest.approx(float(row), abs=0.0051)
 
 
 def test_the_page_of_the_applications(tmp_path, monkeypatch):

@@ -5,6 +5,7 @@ tests/cli/test_readme.py runs those of README, and tests/top those of the pages 
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import shlex
@@ -60,6 +61,12 @@ def commands():
     return found
 
 
+def prints(program):
+    """Return whether a program prints, not counting its functions and classes."""
+    run = (one for one in ast.parse(program).body if not hasattr(one, "decorator_list"))
+    return any("print(" in ast.unparse(one) for one in run)
+
+
 def virtual(command):
     """Return the words of a command, on a virtual board unless it needs none."""
     words = shlex.split(command)[1:]
@@ -107,14 +114,16 @@ import spots
 real_open = spots.open
 spots.open = lambda port=None: real_open(port or "virtual")
 """
+BETWEEN = "-- the next program --"
 PROGRAMS = dict.fromkeys(page for page, _ in blocks("python") if not page.startswith("program/"))
 
 
 @pytest.mark.parametrize("page", PROGRAMS)
 def test_the_programs_of_a_page_run_one_after_the_other(page, tmp_path):
     shutil.copy(RUN, tmp_path)
-    program = "\n".join([ON_VIRTUAL, *(text for one, text in blocks("python") if one == page)])
-    (tmp_path / "program.py").write_text(program, encoding="utf-8")
+    programs = [text for one, text in blocks("python") if one == page]
+    whole = f'\nprint("{BETWEEN}")\n'.join([ON_VIRTUAL, *programs])
+    (tmp_path / "program.py").write_text(whole, encoding="utf-8")
     run = subprocess.run(
         [sys.executable, "program.py"],
         cwd=tmp_path,
@@ -123,6 +132,8 @@ def test_the_programs_of_a_page_run_one_after_the_other(page, tmp_path):
         timeout=TIMEOUT_S,
     )
     assert run.returncode == 0, run.stderr
+    _, *printed = run.stdout.split(f"{BETWEEN}\n")
+    assert [text for text, out in zip(programs, printed) if prints(text) and not out] == []
 
 
 def test_a_block_is_left_out_only_with_a_reason():

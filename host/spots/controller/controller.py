@@ -118,9 +118,9 @@ def controller_for(board: Board, settings: ControllerSettings) -> Controller:
 
     Raises
     ------
-    SpotsError
-        If the board has no calibration, or the time between its readings is longer than
-        ``hold_ms``.
+    BoardError
+        If the board has no calibration (``why`` is "no_calibration"), or the time between its
+        readings is longer than ``hold_ms`` ("too_slow").
     """
     remedy = "set a shorter exposure_us or a smaller average, or a longer hold_ms in the settings"
     info = hello_often(board, settings.hold_ms / 1000, remedy)

@@ -53,8 +53,8 @@ def type_on(
     """Press this computer's keys when a strip is touched. Release all keys on every exit path.
 
     While the board is disconnected, no key is pressed; this function waits until it reconnects.
-    `seconds` is by `Board.now_s`. SpotsError if the board has no calibration, is too slow or
-    refuses a command, or if the keyboard refuses events.
+    `seconds` is by `Board.now_s`. BoardError if the board has no calibration, is too slow or
+    refuses a command; SpotsError if the keyboard refuses events.
     """
     info = hello_often(board, RELEASE_S)
     engine = KeyEngine(layout, info["length_um"], keyboard, info["decay"], cross=info.get("cross"))

@@ -97,7 +97,7 @@ def play(
     """Read a board, and report each gesture when it is complete; return all gestures at the end.
 
     `seconds` is by `Board.now_s`. With `drawing`, a live picture shows the keys of the gestures.
-    SpotsError if the board is lost, has no calibration, or sends readings too slowly.
+    PortError if the board is lost, BoardError if it has no calibration or is too slow.
     """
     info, found = hello_often(board, RELEASE_S), []
     length_um = info["length_um"]
