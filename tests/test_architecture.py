@@ -144,6 +144,35 @@ def test_a_package_that_is_used_alone_names_no_package_beside_it(package):
     assert [path for path in files if named.search(path.read_text(encoding="utf-8"))] == []
 
 
+def test_the_host_package_names_no_kind_of_port_of_the_packages_beside_it():
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    ports = re.findall(r'^"?(\w+)[\w.-]*"? = "(\w+)\.(?:\w+\.)*\w+"$', text, re.MULTILINE)
+    guests = {scheme for scheme, package in ports if package in {*OURS} - {"spots"}}
+    assert guests == {"virtual", "zenoh"}
+    named = re.compile(rf"\b({'|'.join(guests)})\b")
+    found = {
+        (path.relative_to(HOST / "spots").as_posix(), node.value)
+        for path in (HOST / "spots").rglob("*.py")
+        for node in strings(ast.parse(path.read_text(encoding="utf-8")))
+        if named.search(node.value)
+    }
+    assert found == {
+        # Calibration offers practice on it; without its package, the error names the extra.
+        ("link/ports.py", "virtual"),
+        # Not the port: a device of the operating system.
+        ("outputs/uinput.py", "cannot create a virtual device with "),
+    }
+
+
+def strings(tree):
+    """Yield the string constants of a module, without docstrings."""
+    docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        text = isinstance(node, ast.Constant) and isinstance(node.value, str)
+        if text and id(node) not in docstrings:
+            yield node
+
+
 def test_tests_share_code_only_through_the_package_support():
     files = [p for p in (ROOT / "tests").rglob("*.py") if "node_modules" not in p.parts]
     tests = {path.stem for path in files if path.stem.startswith("test_")}

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 
-from ..link.ports import form, known, modules, scheme_name
+from ..link.ports import comes_and_goes, form, known, modules, scheme_name, schemes
 from .parser import Fits, Parser
 
 PORTS = f"serial port, {known()}"
@@ -97,16 +97,14 @@ def add_wait(parser: Parser) -> None:
     """Add the option for a board that may be unplugged; `open_board` reads it."""
     text = "wait for the board without limit: at the start, and while it is unplugged"
     parser.flag("--wait", text)
-    comes_and_goes = "", "zenoh"
+    kinds = ["a serial port", *map(form, schemes("comes-and-goes"))]
     parser.needs(
-        ["--wait"],
-        lambda options: scheme_name(options.port) in comes_and_goes,
-        "give a serial port or zenoh:ID",
+        ["--wait"], lambda options: comes_and_goes(options.port), f"give {' or '.join(kinds)}"
     )
 
 
 # Kinds of ports of a command that changes its board.
-READ_ONLY = "recording", "zenoh"
+READ_ONLY = schemes("read-only")
 
 
 def add_layout(parser: argparse.ArgumentParser) -> None:

@@ -6,7 +6,7 @@ import json
 from spots_device.board.light import LEDS
 
 from ..errors import printable
-from ..link.ports import known
+from ..link.ports import SIMULATED, known
 from . import arguments
 from .parser import Parser, calls
 
@@ -138,7 +138,7 @@ def calibrate(parser: Parser):
     arguments.add_port(
         parser,
         arguments.READ_ONLY,
-        {"virtual": (_is_simulated, "add --port virtual")},
+        {SIMULATED: (_is_simulated, f"add --port {SIMULATED}")},
     )
     parser.option(
         "--session",
@@ -246,7 +246,7 @@ COMMANDS = ports, boards, build, flash, image, doctor, dark, calibrate, rezero, 
 
 
 def _is_simulated(options: argparse.Namespace) -> bool:
-    return options.practice or arguments.has_port(options, "virtual")
+    return options.practice or arguments.has_port(options, SIMULATED)
 
 
 def _add_strips(parser: Parser) -> None:

@@ -16,11 +16,10 @@ from spots_device.reading.rescale import rescale  # pyright: ignore[reportUnknow
 from ..errors import BoardError, CalibrationError, NoReplyError, PortError, SpotsError, path_text
 from .board import Board
 from .lines import of_sensor
-from .ports import known, scheme, scheme_name
+from .ports import comes_and_goes, known, scheme
 from .serial_link import SerialLink, usb_boards, usb_ports
 
 _LOOK_EVERY_S = 1.0  # time between two attempts with the option ``wait``
-_WAITED_FOR = "", "zenoh"  # schemes of ports whose boards come and go; empty for a serial port
 # Field of the reply to ``hello`` with the checksum of uploaded lines, by the command of the upload.
 _UPLOADED = {"cal": "calibration", "layout": "layout"}
 
@@ -122,7 +121,7 @@ def open_named(options: Namespace) -> Board:
         try:
             board = open_with(options.port, options, without)
         except SpotsError as error:
-            if scheme_name(options.port) not in _WAITED_FOR:
+            if not comes_and_goes(options.port):
                 raise
             if str(error) != reason:
                 reason = str(error)

@@ -1,8 +1,16 @@
 """Port schemes: names for `open` and ``--port`` that are not names of serial ports.
 
 A scheme is the word before the colon: ``zenoh`` in ``zenoh:ID``. Each scheme has a module, which is
-registered as an entry point of the group ``spots.ports`` with the scheme's name. The module must
-have
+registered as an entry point of the group ``spots.ports``. The name of the entry point is the
+scheme, and after it, separated by dots, what is needed before the module is loaded:
+
+- the text after the colon as the help shows it, in capitals;
+- ``read-only`` if a command cannot change the board;
+- ``comes-and-goes`` if the board may be absent for a time, so that ``--wait`` has an effect.
+
+Examples are ``virtual`` and ``zenoh.ID.read-only.comes-and-goes``.
+
+The module must have
 
 ``open_port(target, options)``
     Returns a `Board`, or raises SpotsError. `target` is the text after the colon. `options` are
@@ -37,6 +45,7 @@ and may have
 
 from collections.abc import Collection, Iterator
 from contextlib import suppress
+from importlib.metadata import EntryPoint
 from types import ModuleType
 from typing import Any
 
@@ -44,41 +53,56 @@ from ..common.plugins import entry_points
 from ..errors import did_you_mean, missing
 
 GROUP = "spots.ports"
-_SIMULATED = "virtual"
-_FORMS = {"recording": "recording:FILE", "zenoh": "zenoh:ID"}  # other schemes are a bare name
+SIMULATED = "virtual"  # offers practice; the error without its package names the extra
+
+
+def _entries() -> dict[str, EntryPoint]:
+    """Return the entry points of the kinds of ports, sorted, by scheme."""
+    found = sorted(entry_points(group=GROUP))
+    return {entry.name.partition(".")[0]: entry for entry in found}
+
+
+def schemes(fact: str) -> list[str]:
+    """Return the schemes with a fact in the name of their entry point, such as ``read-only``."""
+    return [scheme for scheme, entry in _entries().items() if fact in entry.name.split(".")[1:]]
 
 
 def form(scheme: str) -> str:
-    """Return how a port with a scheme is written, such as ``zenoh:ID``."""
-    return _FORMS.get(scheme, scheme)
+    """Return how a port with an installed scheme is written, such as ``zenoh:ID``."""
+    return ":".join([scheme, *filter(str.isupper, _entries()[scheme].name.split(".")[1:])])
 
 
 def modules(without: Collection[str] = ()) -> Iterator[tuple[str, ModuleType]]:
     """Yield (scheme, module) of each kind of port whose package is installed."""
-    for entry in sorted(entry_points(group=GROUP)):
-        if entry.name not in without:
+    for scheme, entry in _entries().items():
+        if scheme not in without:
             with suppress(ImportError):
-                yield entry.name, entry.load()
+                yield scheme, entry.load()
 
 
 def known(without: Collection[str] = ()) -> str:
     """Return a text that lists the forms of non-serial ports, such as ``zenoh:ID``."""
-    names = sorted({entry.name for entry in entry_points(group=GROUP)} - set(without))
-    forms = [_FORMS.get(name, f"'{name}'") for name in names]
+    written = [form(scheme) for scheme in _entries() if scheme not in without]
+    forms = [one if ":" in one else f"'{one}'" for one in written]
     return " or ".join(filter(None, [", ".join(forms[:-1]), *forms[-1:]]))
 
 
 def no_port(port: str) -> str:
     """Return the error message for a port that does not exist; suggest a similar name."""
-    names = (entry.name for entry in entry_points(group=GROUP))
-    hint = did_you_mean(port.partition(":")[0], names, "'spots ports' lists the ports", _FORMS)
+    forms = {scheme: form(scheme) for scheme in _entries()}
+    hint = did_you_mean(port.partition(":")[0], forms, "'spots ports' lists the ports", forms)
     return f"there is no port {port}: {hint}"
 
 
 def scheme_name(port: str | None) -> str:
     """Return the scheme of a port: ``zenoh`` for ``zenoh:ID``, empty for a serial port or None."""
     name = (port or "").partition(":")[0]
-    return name if entry_points(group=GROUP, name=name) else ""
+    return name if name in _entries() else ""
+
+
+def comes_and_goes(port: str | None) -> bool:
+    """Return whether the board of a port may be absent for a time, as that of a serial port."""
+    return scheme_name(port) in ("", *schemes("comes-and-goes"))
 
 
 def scheme(port: str | None) -> tuple[ModuleType | None, str]:
@@ -89,12 +113,12 @@ def scheme(port: str | None) -> tuple[ModuleType | None, str]:
     """
     name, _, target = (port or "").partition(":")
     try:
-        for entry in entry_points(group=GROUP, name=name):
+        if entry := _entries().get(name):
             return entry.load(), target
     except ImportError:
-        if name != _SIMULATED:
+        if name != SIMULATED:
             raise
-    if name == _SIMULATED:
+    if name == SIMULATED:
         raise missing(f"port '{name}' needs", "the simulator", "virtual")
     return None, port or ""
 

@@ -13,7 +13,7 @@ from ...common import atomic
 from ...common.signals import stop_explained
 from ...errors import SettingError
 from ...link.connect import open_named
-from ...link.ports import offered
+from ...link.ports import SIMULATED, offered
 from ..calibration_file import KIND, CalibrationFile
 from .bench import Bench
 from .guide import Guide
@@ -60,7 +60,7 @@ def calibrate_command(options: argparse.Namespace) -> None:
 def _practise(options: argparse.Namespace, kind: str, count: int) -> None:
     if kind not in KINDS:
         raise SettingError(f"--practice has no '{kind}': leave it out, or use --rough")
-    if options.port not in (None, "virtual") or options.session or options.out:
+    if options.port not in (None, SIMULATED) or options.session or options.out:
         raise SettingError(
             "--practice presses a simulated strip and writes no file: leave out --port, --session "
             "and --out"

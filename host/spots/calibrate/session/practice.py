@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import RequirementError
-from ...link.ports import offered
+from ...link.ports import SIMULATED, offered
 from .. import calibration_file as file
 from .bench import Bench
 from .dialog import Dialog
@@ -72,7 +72,7 @@ def practise(options: argparse.Namespace, kind: str, count: int, guide: Dialog) 
     the simulated strip. `kind` is ``fine`` or ``rough``; `count` is 0 for the default. SpotsError
     if there is no simulator, or the session ends early.
     """
-    begin: Callable[..., AbstractContextManager[Practice]] | None = offered("virtual", "practice")
+    begin: Callable[..., AbstractContextManager[Practice]] | None = offered(SIMULATED, "practice")
     if begin is None:
         raise RequirementError("the installed simulator has no practice: update spots-tactile")
     with tempfile.TemporaryDirectory() as folder:
