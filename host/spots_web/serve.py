@@ -10,8 +10,9 @@ import secrets
 import signal
 import socket
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+import threading
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from spots.common import atomic, signals
@@ -248,7 +249,7 @@ def serve(
 
     async def main():
         async with Server(state, address, port, queues, hosts) as server:
-            ended = _ended_by_signal()
+            ended = _ended_by_signal(noted)
             for reader in readers:
                 reader.start()
             print(f"the web UI is at {server.url} (Ctrl-C ends it)", flush=True)
@@ -256,19 +257,46 @@ def serve(
             await ended.wait()
 
     try:
-        with suppress(KeyboardInterrupt):
+        with suppress(KeyboardInterrupt), _interrupt_noted() as noted:
             asyncio.run(main())
     finally:
         for reader in readers:
             reader.stop()
 
 
-def _ended_by_signal() -> asyncio.Event:
+@contextmanager
+def _interrupt_noted() -> Generator[list[int] | None]:
+    """Only note a Ctrl-C in the block: its exception would leave a half-built event loop.
+
+    None if the program handles Ctrl-C in another way.
+    """
+    noted: list[int] = []
+    handler = signal.getsignal(signal.SIGINT)
+    main_thread = threading.current_thread() is threading.main_thread()
+    if not main_thread or handler != signal.default_int_handler:
+        yield None
+        return
+    signal.signal(signal.SIGINT, lambda number, frame: noted.append(number))
+    try:
+        yield noted
+    finally:
+        signal.signal(signal.SIGINT, handler)
+
+
+def _ended_by_signal(noted: Sequence[int] | None) -> asyncio.Event:
     ended = asyncio.Event()
-    with suppress(NotImplementedError, RuntimeError):  # Windows, or not the main thread
-        for number in signals.numbers("SIGTERM", "SIGHUP"):
+    try:
+        names = ("SIGTERM", "SIGHUP") if noted is None else ("SIGINT", "SIGTERM", "SIGHUP")
+        for number in signals.numbers(*names):
             if signal.getsignal(number) != signal.SIG_IGN:  # as nohup sets it
                 asyncio.get_running_loop().add_signal_handler(number, ended.set)
+    except NotImplementedError:  # Windows
+        if noted is not None:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+    except RuntimeError:  # not the main thread
+        pass
+    if noted:
+        ended.set()
     return ended
 
 

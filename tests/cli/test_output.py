@@ -138,3 +138,12 @@ def test_a_virtual_board_whose_starter_is_gone_ends_quietly(sensor, code, closed
 def test_a_seed_that_is_none():
     with refusal(SettingError):
         spots_sim.open(seed=-1)
+
+
+def test_a_folder_for_calibrations_that_does_not_exist_is_one_sentence(
+    monkeypatch, capsys, tmp_path
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SPOTS_CALIBRATIONS", str(tmp_path / "missing"))
+    assert cli.main(["calibrate", "--rough", "--port", "virtual"]) == 2
+    assert "SPOTS_CALIBRATIONS names" in capsys.readouterr().err

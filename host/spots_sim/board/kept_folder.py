@@ -11,6 +11,8 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+from spots.errors import SettingError
+
 FOLDER = "SPOTS_CALIBRATIONS"
 
 
@@ -23,6 +25,8 @@ def kept_folder(name: str, make: Callable[[Path], object]) -> Path | None:
     if not root:
         return None
     path = Path(root) / name
+    if not Path(root).is_dir():
+        raise SettingError(f"{FOLDER} names {root}, which is no folder: make it, or name another")
     if not path.exists():
         with tempfile.TemporaryDirectory(dir=root) as temporary:
             made = Path(temporary) / name
