@@ -101,14 +101,14 @@ async def calibration(browser: Browser) -> None:
     """Take the screenshot of a calibration session in which a finger presses beside the mark."""
     state, held = PageState(), Held()
     with TemporaryDirectory() as folder:
-        orders = {"calibration": PageCalibration(Path(folder) / "calibration.jsonl", state)}
+        queues = {"calibration": PageCalibration(Path(folder) / "calibration.jsonl", state)}
         sensor = load_file(SensorFile, "default")
 
         def open_board(board_id: str | None) -> Board:
             return Board(PacedLink(LockstepLink(sensor, held), time.monotonic()))
 
-        reader = BoardReader(open_board, load("digits"), state, orders=orders.values())
-        async with Server(state, orders=orders) as server:
+        reader = BoardReader(open_board, load("digits"), state, queues=queues.values())
+        async with Server(state, queues=queues) as server:
             reader.start()
             viewport = {"width": 390, "height": 844}
             context = await browser.new_context(
@@ -141,13 +141,13 @@ async def editor(browser: Browser) -> None:
     """Take screenshots of layout editor and controller settings while a finger is on the strip."""
     with TemporaryDirectory() as folder:
         state, layout = PageState(), load("mini")
-        orders = {
+        queues = {
             "layout": LayoutEditor(Path(folder) / "mine.toml", layout, state),
             "controller": SettingsEditor("controller", Path(folder) / "controller.toml", state),
         }
         open_board = finder("virtual")
-        reader = BoardReader(open_board, layout, state, orders=orders.values())
-        async with Server(state, orders=orders) as server:
+        reader = BoardReader(open_board, layout, state, queues=queues.values())
+        async with Server(state, queues=queues) as server:
             reader.start()
             context = await browser.new_context(
                 viewport={"width": 1180, "height": 860}, device_scale_factor=1.5
