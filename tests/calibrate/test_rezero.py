@@ -24,8 +24,7 @@ from spots.calibrate.session.make import make
 from spots.calibrate.session.presser import Presser
 from spots.calibrate.session.rezero import rezero, use
 from spots.calibrate.session.session_file import Session, settings
-from spots.calibrate.session.spectra import SpectrumReader
-from spots.calibrate.session.steps import DARK_S
+from spots.calibrate.session.spectra import DARK_S, SpectrumReader
 from spots.errors import CalibrationError, FileError
 from spots.link.advice import advice_for
 from spots.link.connect import upload

@@ -16,7 +16,7 @@ import numpy as np
 from spots.calibrate.calibration_file import CalibrationFile, Marks, now
 from spots.calibrate.session.rezero import rezero
 from spots.calibrate.session.session_file import settings
-from spots.calibrate.session.steps import DARK_S
+from spots.calibrate.session.spectra import DARK_S
 from spots.cli.arguments import number
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board

@@ -16,7 +16,7 @@ from spots.calibrate.fit.presses import FIRM_MN, MARKS
 from spots.calibrate.session.bench import Bench, samples_of
 from spots.calibrate.session.guide import Guide
 from spots.calibrate.session.rezero import rezero
-from spots.calibrate.session.steps import DARK_S
+from spots.calibrate.session.spectra import DARK_S
 from spots.errors import SettingError
 from spots_device.sensor.exposure import DEFAULT_US
 

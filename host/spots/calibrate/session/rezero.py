@@ -28,7 +28,7 @@ from ..fit.shift import shifted
 from . import baseline
 from .bench import Bench
 from .calibrate import opened
-from .steps import DARK_S
+from .spectra import DARK_S
 from .thermal import with_lines as with_thermal
 
 _STRAY_UM = 1500.0  # largest distance from the other presses at a mark; a person achieves 300 um

@@ -23,6 +23,7 @@ from ...link.board import Board
 from ...link.frames import Frame, Spectrum, Touch
 from ..fit.presses import own_variance
 
+DARK_S = 2.5  # exposure of dark frames before marks: less gives more noise, more cools the LED
 _CHANNELS_MIN = 3  # with fewer channels, the noise that all channels share cannot be separated
 _TIMEOUT_S = 10.0  # more than any dark frame takes
 # Light of the untouched strip: duration of the lit samples before and after a dark frame, and their
