@@ -14,7 +14,7 @@ from spots.deploy.staging import stage
 from spots.keyboard.layout import load as layout
 from spots.link.connect import upload
 from spots.link.finder import finder
-from spots_sim.chip.as7341 import AS7341
+from spots_sim.chip.converter import Converter
 from spots_sim.person.stage import NEAR_UM, Stage, calibrate
 from spots_sim.strip.change import Change
 from spots_sim.strip.files import SensorFile, load
@@ -308,17 +308,17 @@ def test_monitor_has_no_next_step_for_a_calibrated_board(capsys):
 def test_a_channel_that_is_dead_or_full_is_named(channel, calibrated, counts, monkeypatch):
     sensor = load(SensorFile, "default")
     lines = calibrate(sensor) if calibrated else ()
-    convert = AS7341._convert
+    convert = Converter.convert
 
-    def stuck(chip, duration_us):
-        converted, saturation = convert(chip, duration_us)
-        converted[channel] = min(counts, chip._full_scale())
-        return converted, saturation
+    def stuck(converter, collected, gain_code, duration_us, full_scale):
+        converted, overloaded = convert(converter, collected, gain_code, duration_us, full_scale)
+        converted[channel] = min(counts, full_scale)
+        return converted, overloaded
 
     with Stage(sensor) as stage:
         if lines:
             upload(stage.board, lines)
-        monkeypatch.setattr(AS7341, "_convert", stuck)
+        monkeypatch.setattr(Converter, "convert", stuck)
         stage.press(NEAR_UM, 8_000)
         found = [f for f in examine_board(stage.board) if f.check == "channels"]
     name = stage.board.info["channels"][channel]

@@ -13,13 +13,9 @@ from spots.link.frames import Spectrum
 from spots_device.reading.decode import DROPPED
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.board.protocol import protocol
-from spots_sim.chip.as7341 import (
-    AS7341,
-    DIODES,
-    GAIN,
-    ChipNoise,
-    Quirks,
-)
+from spots_sim.chip.as7341 import AS7341
+from spots_sim.chip.converter import DIODES, GAIN, ChipNoise
+from spots_sim.chip.quirks import Quirks
 from spots_sim.strip.scenario import Held
 
 pytestmark = pytest.mark.board
@@ -210,8 +206,7 @@ def test_a_sample_that_the_chip_stores_after_the_level_was_read_is_whole(stalled
 def test_a_shifted_fifo_is_emptied(stalled):
     made = stalled()
     made.run(0.2)
-    del made.chip._fifo[:]
-    made.chip._fifo.append(b"\1\0")  # as after clocks that the chip missed
+    made.chip._fifo.entries[:] = [b"\1\0"]  # as after clocks that the chip missed
     made.run(0.1)
     assert steps(made.run(0.3)) == {1}
     assert made.get()["missed"] >= 1

@@ -22,8 +22,8 @@ from spots_device.board.settings import checksum
 from spots_device.keys.layout import KEYBOARD, action
 from spots_device.reading.decode import DROPPED
 from spots_sim.board.lockstep import LockstepLink
-from spots_sim.chip.as7341 import STEP_US
 from spots_sim.chip.bus import I2CBus, MultiplexedBus
+from spots_sim.chip.converter import STEP_US
 from spots_sim.demo.virtual import start_simulator
 from spots_sim.person.stage import calibrate, strip_lines
 from spots_sim.strip.files import ScenarioFile, SensorFile, load

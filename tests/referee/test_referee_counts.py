@@ -23,7 +23,7 @@ from support.witnesses import (
     varied,
 )
 
-from spots_sim.chip import as7341
+from spots_sim.chip import converter
 from spots_sim.chip.bus import I2CBus, SimulatedClock
 from spots_sim.strip.scenario import Press
 
@@ -132,7 +132,7 @@ def test_the_referee_reads_each_diode_under_its_own_name():
 
 def swap(monkeypatch, one, other):
     """Exchange the connections of two photodiodes of the simulated chip."""
-    pixels = as7341.PIXELS_OF
+    pixels = converter.PIXELS_OF
     first, second = pixels[one], pixels[other]
     monkeypatch.setitem(pixels, one, second)
     monkeypatch.setitem(pixels, other, first)

@@ -18,7 +18,7 @@ from support.witnesses import (
 from spots.link.board import Board
 from spots.link.frames import Spectrum
 from spots_sim.board.lockstep import LockstepLink
-from spots_sim.chip.as7341 import Quirks
+from spots_sim.chip.quirks import Quirks
 from spots_sim.strip.scenario import Held, Press
 
 BOTH = (True, False)

@@ -10,8 +10,8 @@ from support.witnesses import HIGH, LOW, silent_chip
 from spots.link.board import Board
 from spots_device.sensor.smux import smux_map
 from spots_sim.board.lockstep import LockstepLink
-from spots_sim.chip.as7341 import DIODES, GAIN
 from spots_sim.chip.bus import I2CBus, SimulatedClock
+from spots_sim.chip.converter import DIODES, GAIN
 from spots_sim.strip.scenario import Held
 from spots_sim.strip.world import chip
 

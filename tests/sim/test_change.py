@@ -231,12 +231,13 @@ def test_noise_of_the_ratios_is_each_channels_own(sensor):
         led={"noise_ppm_10ms": 0.0},
     )
     noisy = chip(sensor, Held(), seed=1)
-    noisy._main[0xAA], noisy._main[0x81] = 9, 255
-    noisy._main[0xCA:0xCC] = b"\xff\x0f"
     diodes = "F1", "F2", "F3", "F4", "F5", "F6"
-    noisy._routing = [{diode: 1.0} for diode in diodes]
-    noisy._collected = dict.fromkeys(diodes, 100.0)
-    counts = np.array([noisy._convert(100_000.0)[0] for _ in range(1000)], dtype=float)
+    converter = noisy._converter
+    converter.routing = [{diode: 1.0} for diode in diodes]
+    light = dict.fromkeys(diodes, 100.0)
+    counts = np.array(
+        [converter.convert(light, 9, 100_000.0, 65_535)[0] for _ in range(1000)], dtype=float
+    )
     relative = counts / counts.mean(axis=0)
     assert relative.std(axis=0) == pytest.approx(np.full(6, 1e-3), rel=0.1)
     assert np.abs(np.corrcoef(relative.T) - np.eye(6)).max() < 0.15

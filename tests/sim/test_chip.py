@@ -6,14 +6,10 @@ import numpy as np
 import pytest
 from support.refusals import refusal
 
-from spots_sim.chip.as7341 import (
-    AS7341,
-    AUTO_ZERO_US,
-    DIODES,
-    ChipNoise,
-    Quirks,
-)
+from spots_sim.chip.as7341 import AS7341, AUTO_ZERO_US
 from spots_sim.chip.bus import I2CBus, SimulatedClock
+from spots_sim.chip.converter import DIODES, ChipNoise
+from spots_sim.chip.quirks import Quirks
 
 ADDRESS = 0x39
 SILENT = ChipNoise(read_counts=0.0, electrons_per_count_1x=1e30, dark_counts_512x=0.0)

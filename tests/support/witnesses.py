@@ -10,14 +10,10 @@ from spots.link.board import Board
 from spots.link.frames import Spectrum
 from spots_device.sensor import exposure
 from spots_sim.board.lockstep import LockstepLink
-from spots_sim.chip.as7341 import (
-    AS7341,
-    DIODES,
-    GAIN,
-    ChipNoise,
-    Quirks,
-)
+from spots_sim.chip.as7341 import AS7341
 from spots_sim.chip.bus import I2CBus, SimulatedClock
+from spots_sim.chip.converter import DIODES, GAIN, ChipNoise
+from spots_sim.chip.quirks import Quirks
 from spots_sim.strip.scenario import Held
 from spots_sim.strip.world import chip
 

@@ -15,25 +15,16 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import dataclass
 
-import numpy as np
+from .converter import STEP_US, ChipNoise, Converter
+from .fifo import Fifo
+from .flicker import flicker_status
+from .quirks import Quirks
 
-STEP_US = 2.78  # unit of the integration time
 AUTO_ZERO_US = 15_000.0  # duration of an auto-zero, which corrects the offset of the ADCs
 WAIT_US = 2780.0  # unit of the wait time between samples; 16 times as long with the bit WLONG
 LOW_POWER_US = 500.0  # assumed: start of the oscillator before each sample in low-power mode
 POWER_ON_US = 200.0  # time after power-on before the chip acknowledges its address
-
-# AN000666, table of pixels: each photodiode consists of one or two pixels.
-PIXELS_OF = {
-    "F1": (2, 32), "F2": (10, 25), "F3": (1, 31), "F4": (11, 26), "F5": (13, 19), "F6": (8, 29),
-    "F7": (14, 20), "F8": (7, 28), "CLEAR": (17, 35), "NIR": (38,), "DARK": (37,), "FLICKER": (39,),
-}  # fmt: skip
-DIODES = tuple(PIXELS_OF)
-
-# DS000504, figure "gain": factors relative to 64x. The steps are not exact powers of two.
-GAIN = tuple(64 * g for g in (0.008, 0.016, 0.032, 0.065, 0.125, 0.25, 0.5, 1.0, 2.0, 3.95, 7.75))
 
 _SIX = struct.Struct("<6H")
 _SEVEN = struct.Struct("<7H")
@@ -44,62 +35,16 @@ _EXPOSURE = 0x81, 0xCA, 0xCB  # registers ATIME and ASTEP
 # entries before an interrupt, by the code FIFO_TH.
 _PERSISTENCE = (0, 1, 2, 3, 5, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60)
 _FIFO_LEVELS = (1, 4, 8, 16)
-_FIFO_ENTRIES = 128
 # DS000504, CFG10: limits of the automatic gain in 1/8 of full scale, by the codes AGC_H and AGC_L.
 _AGC_HIGH = (4, 5, 6, 7)
 _AGC_LOW = (1, 2, 3, 4)
 # Writes to these registers have no effect: identity, status, counts, and the FIFO's level and data.
 _READ_ONLY = {0x90, 0x91, 0x92, *range(0x94, 0xA8), 0xDB, 0xFD, 0xFE, 0xFF}
-# FD_STATUS: bits of a complete measurement, and the bit of each frequency. No document defines the
-# duration of a measurement, or the smallest flicker that is detected.
-_FD_VALID, _FD_HZ = 0x2C, {100: 0x01, 120: 0x02}
-_FD_US, _FD_STEP_US, _FD_LEAST = 500_000.0, 1000.0, 0.01
 
 _RESET_VALUES = {
     0x81: 0x00, 0x92: 0x24, 0xAA: 0x09, 0xAC: 0x0C, 0xAF: 0x10, 0xB1: 0x88, 0xB3: 0xF2, 0xBE: 0x02,
     0xCA: 0xE7, 0xCB: 0x03, 0xCF: 0x99, 0xD6: 0xFF, 0xD7: 0x21,
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Quirks:
-    """Behaviour of the chip that no document defines, and the error of its oscillator.
-
-    - `auto_zero_at_every_start`: if false, the chip performs an auto-zero only at the first start
-      after power-on, and after the register bit PON was 0.
-    - `avalid_clears_on_read`: a read of the register ASTATUS clears the data-ready bit AVALID.
-    - `aint_needs_sp_ien`: the interrupt bit AINT is set only if its enable bit SP_IEN is 1.
-    - `smux_us`: duration of a command to the SMUX, which connects photodiodes to ADCs.
-    - `clock_error_percent`: error of the sample period; positive if the oscillator is slow.
-    - `fifo_reversed`: the FIFO gets the values of a sample in reverse order, CH5 before CH0.
-    - `fifo_overwrites`: a full FIFO drops its oldest entry; if false, it drops the new entry.
-    - `fifo_level_alone`: a transfer that reads the FIFO's level reads it again and again; if false,
-      the transfer goes on with the data, like a transfer from any other register.
-    """
-
-    auto_zero_at_every_start: bool = True
-    avalid_clears_on_read: bool = False
-    aint_needs_sp_ien: bool = True
-    smux_us: float = 200.0
-    clock_error_percent: float = 0.0
-    fifo_reversed: bool = False
-    fifo_overwrites: bool = False
-    fifo_level_alone: bool = False
-
-
-@dataclass(frozen=True)
-class ChipNoise:
-    """Noise of the converter, in counts of the six ADCs; `read_counts` is added before rounding.
-
-    The shot noise follows from the photo-electrons in one count at gain 1x. The dark counts are
-    those at gain 512x in 98 ms. `ratio_ppm` is the standard deviation of each channel's gain
-    between samples.
-    """
-
-    read_counts: float
-    electrons_per_count_1x: float
-    dark_counts_512x: float
-    ratio_ppm: float = 0.0
 
 
 class AS7341:
@@ -110,11 +55,10 @@ class AS7341:
 
     address = 0x39
 
-    def __init__(self, light, noise: ChipNoise, rng, quirks: Quirks = Quirks()):
+    def __init__(self, light, noise: ChipNoise, rng, quirks: Quirks | None = None):
         self._light = light
-        self._noise = noise
-        self._rng = rng
-        self._quirks = quirks
+        self._converter = Converter(noise, rng)
+        self._quirks = quirks = quirks or Quirks()
         self._step_us = STEP_US * (1 + quirks.clock_error_percent / 100)
         self._now = 0.0
         self.samples = 0
@@ -130,8 +74,7 @@ class AS7341:
         self._bank1 = bytearray(256)
         self._bank1[0x74] = 0x04
         self._smux_ram = bytearray(20)
-        # For each ADC: share of each diode in its counts.
-        self._routing: list[dict[str, float]] = [{} for _ in range(6)]
+        self._converter.route(self._smux_ram)
         self._pointer = 0
         self._smux_done = None
         self._zeroed = False
@@ -144,7 +87,7 @@ class AS7341:
         self._latched = self._live
         self._first = False  # whether the running sample is the first one since SP_EN was set
         self._outside = 0  # consecutive samples outside the thresholds
-        self._fifo: list[bytes] = []
+        self._fifo = Fifo()
         self._flicker_since = None
         self._auto_gain = None  # code of the automatic gain; None before its first sample
 
@@ -182,8 +125,7 @@ class AS7341:
                 self.advance(began_us + byte_us * len(data))
             if self._fifo and pointer == 0xFE and size - len(data) > 1 and not self._main[0xA9]:
                 entries = size - len(data) >> 1  # both bytes of each entry
-                data += b"".join(self._fifo[:entries])
-                del self._fifo[:entries]
+                data += self._fifo.take(entries)
             else:
                 data.append(self._get(pointer))
                 # A transfer of any length reads the FIFO from its last two registers.
@@ -273,7 +215,7 @@ class AS7341:
             self._set_enable(value)
         elif register == 0xFA:
             if value & 0x02:
-                self._fifo.clear()
+                self._fifo = Fifo()
                 self._main[0xA7] &= ~0x80
             if value & 0x01 and self._main[0xA7] & 0x02:
                 self._main[0xA7] &= ~0x02
@@ -321,13 +263,7 @@ class AS7341:
         self._main[0x80] &= ~0x10
         command = self._main[0xAF] >> 3 & 3
         if command == 2:
-            self._routing = [{} for _ in range(6)]
-            for diode, pixels in PIXELS_OF.items():
-                for pixel in pixels:
-                    adc = self._smux_ram[pixel >> 1] >> (4 * (pixel & 1)) & 0xF
-                    if 1 <= adc <= 6:
-                        routed = self._routing[adc - 1]
-                        routed[diode] = routed.get(diode, 0.0) + 1 / len(pixels)
+            self._converter.route(self._smux_ram)
 
     # Integration.
 
@@ -370,7 +306,13 @@ class AS7341:
 
     def _complete(self, end_us: float) -> None:
         self._collect(end_us)
-        counts, saturation = self._convert(end_us - self._start)
+        full_scale = self._full_scale()
+        counts, overloaded = self._converter.convert(
+            self._collected, self._gain(), end_us - self._start, full_scale
+        )
+        if self._main[0x80] & 0x40:  # the flicker detector uses the last ADC
+            counts[5] = 0
+        saturation = (0x10 if max(counts) >= full_scale else 0) | (0x08 if overloaded else 0)
         self._live = ((0x80 if saturation else 0) | self._gain(), _SIX.pack(*counts))
         self._set_gain(counts)
         self._main[0xA3] = 0x40 | saturation
@@ -439,68 +381,18 @@ class AS7341:
         wanted = self._main[0xFC]
         values = _SEVEN.pack(self._live[0], *counts)
         entries = [values[2 * i : 2 * i + 2] for i in range(7) if wanted & 1 << i]
-        for entry in reversed(entries) if self._quirks.fifo_reversed else entries:
-            if len(self._fifo) == _FIFO_ENTRIES:
-                self._main[0xA7] |= 0x80
-                if not self._quirks.fifo_overwrites:
-                    continue
-                del self._fifo[0]
-            self._fifo.append(entry)
+        if self._quirks.fifo_reversed:
+            entries.reverse()
+        if self._fifo.push(entries, self._quirks.fifo_overwrites):
+            self._main[0xA7] |= 0x80
         if self._main[0xF9] & 0x04 and len(self._fifo) >= _FIFO_LEVELS[self._main[0xB1] >> 6]:
             self._main[0x93] |= 0x04
-
-    def _fifo_low(self) -> int:
-        return self._fifo[0][0] if self._fifo else 0
-
-    def _fifo_high(self) -> int:
-        return self._fifo.pop(0)[1] if self._fifo else 0
-
-    def _flicker_status(self) -> int:
-        if self._flicker_since is None or self._now - self._flicker_since < _FD_US:
-            return 0
-        at_us = np.arange(self._now - _FD_US, self._now, _FD_STEP_US)
-        light = np.array([self._light.outside(t, t + _FD_STEP_US) for t in at_us.tolist()])
-        swings = {
-            hz: 2 * abs(np.mean(light * np.exp(-2e-6j * np.pi * hz * at_us))) for hz in _FD_HZ
-        }
-        found = max(swings, key=swings.get)
-        return _FD_VALID | (_FD_HZ[found] if swings[found] > _FD_LEAST * light.mean() else 0)
-
-    def _convert(self, duration_us: float) -> tuple[list[int], int]:
-        noise = self._noise
-        gain = GAIN[self._gain()]
-        dark = noise.dark_counts_512x * gain / GAIN[10] * duration_us / 98_000.0
-        collected = self._collected
-        electrons = noise.electrons_per_count_1x / gain
-        ratio = 1e-6 * noise.ratio_ppm
-        full_scale = self._full_scale()
-        read = noise.read_counts**2
-        counts = []
-        most = -math.inf
-        # For six numbers, plain Python is faster than NumPy.
-        for routed, draw in zip(self._routing, self._rng.standard_normal(6).tolist()):
-            total = 0.0
-            for diode, share in routed.items():
-                total += share * collected.get(diode, 0.0)
-            light = total * gain + dark
-            if light > most:
-                most = light
-            shot = light / electrons if light > 0 else 0.0
-            sigma = math.sqrt(read + (shot + (ratio * light) ** 2))
-            count = math.floor(light + sigma * draw + 0.5)
-            counts.append(0 if count < 0 else full_scale if count > full_scale else count)
-        if self._main[0x80] & 0x40:
-            counts[5] = 0
-        digital = 0x10 if max(counts) >= full_scale else 0
-        # An ADC makes at most one count in each step. With far more light, its front end saturates.
-        analog = 0x08 if most > 1.5 * duration_us / STEP_US else 0
-        return counts, digital | analog
 
 
 # Registers whose values are computed at each read.
 _COMPUTED = {
-    0xDB: AS7341._flicker_status,
+    0xDB: lambda chip: flicker_status(chip._light, chip._flicker_since, chip._now),
     0xFD: lambda chip: len(chip._fifo),
-    0xFE: AS7341._fifo_low,
-    0xFF: AS7341._fifo_high,
+    0xFE: lambda chip: chip._fifo.low(),
+    0xFF: lambda chip: chip._fifo.high(),
 }

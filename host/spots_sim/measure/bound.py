@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..chip.as7341 import GAIN
+from ..chip.converter import GAIN
 from ..strip.change import NONE, Change
 from ..strip.contact import coupling
 from ..strip.files import SensorFile

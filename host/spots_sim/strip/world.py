@@ -8,7 +8,9 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from ..chip.as7341 import AS7341, ChipNoise, Quirks
+from ..chip.as7341 import AS7341
+from ..chip.converter import ChipNoise
+from ..chip.quirks import Quirks
 from .change import NONE, Change
 from .contact import Sticking, coupling
 from .files import SensorFile
