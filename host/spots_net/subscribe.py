@@ -4,7 +4,6 @@ import argparse
 import json
 import math
 import sys
-import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import fields
@@ -29,6 +28,7 @@ from .zenoh_session import direct, open_session
 
 _NAMES_MAX = 256  # number of topics whose rate is limited separately
 _PACED = own("Reading"), own("Spectrum"), own("Contact"), types()["wrench"], types()["point"]
+_WAIT_S = 1.0  # Python sees a Ctrl-C that comes just before a wait at the end of this wait
 _MESSAGE_BYTES_MAX = 1 << 13  # a longer message is none of a publisher
 # Fields of a message that a line omits.
 _NOT_SHOWN = {"utc_s", "frame_id", "stamp_error_s", "sequence", "t_us", "channels", "dark"}
@@ -93,7 +93,7 @@ def _print(mail: Mailbox, written: Callable[[str, str, Any], str], seconds: floa
     end_s = math.inf if seconds is None else time.monotonic() + seconds
     while (left_s := end_s - time.monotonic()) > 0:
         with mail.changed:
-            mail.changed.wait_for(lambda: mail, min(left_s, threading.TIMEOUT_MAX))
+            mail.changed.wait_for(lambda: mail, min(left_s, _WAIT_S))
         while mail:
             key, data = mail.take()
             text = _text(written, key, data)

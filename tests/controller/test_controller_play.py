@@ -436,7 +436,7 @@ def test_settings_that_are_not_there_are_told_before_a_board_is_looked_for(capsy
 
 def test_a_board_that_is_a_gamepad_itself_is_not_made_two(monkeypatch, capsys, rig, evdev):
     made = rig(pressing())
-    made.board.info["gamepad"] = 1
+    made.board.command("set gamepad=1")
     evdev.UInput.made.clear()
     monkeypatch.setattr(play, "open_announced", lambda options: made.board)
     assert cli.main(["controller", "--seconds", "1"]) == 2

@@ -326,7 +326,7 @@ time.sleep(10)
         (r"\.on_change = ", {"spots_web/app.py", "spots_web/state.py"}),
         (r"add_signal_handler\(", {"spots_web/serve.py"}),
         # These run in the main thread, where an exception ends the program.
-        (r"signal\.signal\(", {"spots/common/signals.py"}),
+        (r"signal\.signal\(", {"spots/common/signals.py", "spots_web/serve.py"}),
         (r"Executor\(", {"spots_web/recordings.py"}),
         # Python prints an exception of such a function, and the program ends as it would have.
         (r"atexit\.", {"spots/link/readers.py"}),
