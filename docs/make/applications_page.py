@@ -46,7 +46,11 @@ FINGERS = (
     ("the same, in a lift of 30 to 60 ms", 60, {"hands": "sliding-slowly"}),
     ("the same, the palm rests at the far end", 60, {"hands": "resting-palm"}),
     ("the same, the palm wobbles", 60, {"hands": "wobbling-palm"}),
-    ("two fingers whose touches overlap, the second 30 to 150 ms later, 9 to 60 mm apart", "two-fingers", {}),
+    (
+        "two fingers whose touches overlap, the second 30 to 150 ms later, 9 to 60 mm apart",
+        "two-fingers",
+        {},
+    ),
 )
 _SECONDS = 10.0
 _TEXT = """# Typing and controller, on simulated strips
