@@ -122,7 +122,7 @@ def test_the_demo_in_real_time_loses_nothing(capsys, tmp_path):
     assert run["runtime"].startswith("micropython")
     assert run["lost"] == run["bad_crc"] == 0
     assert run["touches"] >= 2
-    assert run["position_rmse_um"] <= 500
+    assert run["position_rmse_um"] <= 150
 
 
 NOISE = """
