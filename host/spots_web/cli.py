@@ -1,7 +1,5 @@
 """The command ``spots serve``."""
 
-import argparse
-
 from spots.cli import arguments
 from spots.cli.parser import Parser, calls
 
@@ -17,7 +15,7 @@ def serve(parser: Parser):
       spots serve
       spots serve --http-port 8080
     """
-    arguments.add_ports(parser, {"virtual": (_is_simulated, "add --port virtual")})
+    arguments.add_ports(parser, arguments.PRACTICE)
     arguments.add_layout(parser)
     parser.add_argument(
         "--address",
@@ -61,7 +59,3 @@ def serve(parser: Parser):
     for panel in installed():
         panel.add_options(parser)
     return calls("spots_web.serve:serve_command")
-
-
-def _is_simulated(options: argparse.Namespace) -> bool:
-    return options.practice or arguments.has_port(options, "virtual")

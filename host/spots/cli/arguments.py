@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 
-from ..link.ports import comes_and_goes, form, known, modules, scheme_name, schemes
+from ..link.ports import SIMULATED, comes_and_goes, form, known, modules, scheme_name, schemes
 from .parser import Fits, Parser
 
 PORTS = f"serial port, {known()}"
@@ -91,6 +91,14 @@ def has_port(options: argparse.Namespace, scheme: str) -> bool:
     """
     ports = options.port if isinstance(options.port, list) else [options.port]
     return scheme in map(scheme_name, ports)
+
+
+def _is_simulated(options: argparse.Namespace) -> bool:
+    return options.practice or has_port(options, SIMULATED)
+
+
+# When the simulator's options have an effect, for a command that also has --practice.
+PRACTICE: Effects = {SIMULATED: (_is_simulated, f"add --port {SIMULATED}")}
 
 
 def add_wait(parser: Parser) -> None:

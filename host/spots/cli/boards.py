@@ -6,7 +6,7 @@ import json
 from spots_device.board.light import LEDS
 
 from ..errors import printable
-from ..link.ports import SIMULATED, known
+from ..link.ports import known
 from . import arguments
 from .parser import Parser, calls
 
@@ -135,11 +135,7 @@ def calibrate(parser: Parser):
     )
     parser.flag("--rough", "for a fingertip and a ruler, without a scale; forces are then relative")
     parser.flag("--practice", "practise a session without a strip; no file is written")
-    arguments.add_port(
-        parser,
-        arguments.READ_ONLY,
-        {SIMULATED: (_is_simulated, f"add --port {SIMULATED}")},
-    )
+    arguments.add_port(parser, arguments.READ_ONLY, arguments.PRACTICE)
     parser.option(
         "--session",
         "FILE.jsonl",
@@ -243,10 +239,6 @@ def erase(parser: Parser):
 
 
 COMMANDS = ports, boards, build, flash, image, doctor, dark, calibrate, rezero, erase
-
-
-def _is_simulated(options: argparse.Namespace) -> bool:
-    return options.practice or arguments.has_port(options, SIMULATED)
 
 
 def _add_strips(parser: Parser) -> None:

@@ -117,10 +117,11 @@ class Commands:
             if kinds := [kind for kind in content["stream"] if kind != "off"]:
                 channel.wanted[sensor] = kinds
             channel.loss.expect(channel.now_s() if channel.wanted else None)
-        if sensor == 0:
-            self.take_settings(content)
-        if content["re"] == "hello" and sensor == 0:
+        if sensor:
+            return
+        self.take_settings(content)
+        if content["re"] == "hello":
             channel.info = cast("Hello", dict(content))
-        if content["re"] in ("set", "autoexpose") and sensor == 0:
+        elif content["re"] in ("set", "autoexpose"):
             known = {name: reply.content[name] for name in channel.info if name in reply.content}
             channel.info = cast("Hello", {**channel.info, **known, "re": "hello"})
