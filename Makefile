@@ -104,9 +104,9 @@ docs: .venv/docs
 
 pictures: .venv/test browser
 	@PYTHONPATH=docs $(BIN)/python -m make.pictures
-	@$(BIN)/python docs/make/timings.py
-	@$(BIN)/python docs/make/press.py
-	@$(BIN)/python docs/make/link_states.py
+	@PYTHONPATH=docs $(BIN)/python -m make.timings
+	@PYTHONPATH=docs $(BIN)/python -m make.press
+	@PYTHONPATH=docs $(BIN)/python -m make.link_states
 	@$(BIN)/python docs/make/screenshots.py
 
 paper: .venv/test

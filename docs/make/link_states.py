@@ -8,6 +8,8 @@ from spots.common import atomic
 from spots.link import timeouts
 from spots_make.drawing import SVG
 
+from .svg import picture, text
+
 _WIDTH, _HEIGHT = 720, 370
 _BOX = 130, 56  # width and height of a state
 # Place of each state: the middle of its box.
@@ -50,23 +52,18 @@ text { font: 13px system-ui, sans-serif; fill: #1d1b19; }
 def document() -> str:
     """Return the picture as SVG."""
     parts = [
-        '<svg xmlns="http://www.w3.org/2000/svg" '
-        f'viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img">\n'
-        "<title>States of the link between board and host</title>",
-        _STYLE,
-        f'<rect class="ground" width="{_WIDTH}" height="{_HEIGHT}" rx="8"/>',
         '<defs><marker id="head" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="8" '
         'markerHeight="8" orient="auto"><path class="head" d="M0 0L10 5L0 10z"/></marker></defs>',
         _text(20, 34, "States of the link while a board streams", "title", "start"),
         *(part for state in _PLACES for part in _state(state)),
         *_arrows(),
-        "</svg>",
     ]
-    return "\n".join(parts) + "\n"
+    title = "States of the link between board and host"
+    return picture(title, _WIDTH, _HEIGHT, _STYLE, parts)
 
 
 def _text(x: float, y: float, words: str, kind: str = "", anchor: str = "middle") -> str:
-    return f'<text class="{kind}" x="{x:g}" y="{y:g}" text-anchor="{anchor}">{words}</text>'
+    return text(x, y, words, kind, anchor)
 
 
 def _state(state: str) -> list[str]:

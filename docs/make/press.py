@@ -11,6 +11,8 @@ from spots_make.drawing import SVG
 from spots_sim.strip.files import SensorFile, load
 from spots_sim.strip.optics import WAVELENGTH_NM, Optics, decay_per_mm, led_spectrum
 
+from .svg import picture, text
+
 _WIDTH, _HEIGHT = 720, 560
 _NEAR_MM, _FAR_MM = 15.0, 60.0  # the two presses of the picture
 _PRESSES = ((_NEAR_MM, "near"), (_FAR_MM, "far"))
@@ -47,27 +49,13 @@ text { font: 13px system-ui, sans-serif; fill: #1d1b19; }
 def document() -> str:
     """Return the picture as SVG."""
     sensor = load(SensorFile, "default")
-    parts = [
-        '<svg xmlns="http://www.w3.org/2000/svg" '
-        f'viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img">\n'
-        "<title>How a press becomes a position, in four steps</title>",
-        _STYLE,
-        f'<rect class="ground" width="{_WIDTH}" height="{_HEIGHT}" rx="8"/>',
-        *_strip(),
-        *_spectra(sensor),
-        *_counts(sensor),
-        *_contrast(sensor),
-        "</svg>",
-    ]
-    return "\n".join(parts) + "\n"
-
-
-def _text(x: float, y: float, words: str, kind: str = "", anchor: str = "start") -> str:
-    return f'<text class="{kind}" x="{x:g}" y="{y:g}" text-anchor="{anchor}">{words}</text>'
+    parts = [*_strip(), *_spectra(sensor), *_counts(sensor), *_contrast(sensor)]
+    title = "How a press becomes a position, in four steps"
+    return picture(title, _WIDTH, _HEIGHT, _STYLE, parts)
 
 
 def _head(x: float, y: float, title: str, words: str) -> list[str]:
-    return [_text(x, y, title, "title"), _text(x, y + 18, words, "quiet")]
+    return [text(x, y, title, "title"), text(x, y + 18, words, "quiet")]
 
 
 def _strip() -> list[str]:
@@ -84,10 +72,10 @@ def _strip() -> list[str]:
         f'<rect class="dyed" x="{left}" y="124" width="{right - left:g}" height="16" rx="3"/>',
         f'<rect class="part" x="{right + 4:g}" y="100" width="56" height="20" rx="3"/>',
         f'<rect class="part" x="{left - 60}" y="122" width="56" height="20" rx="3"/>',
-        _text(right + 32, 92, "LED", anchor="middle"),
-        _text(left - 32, 160, "sensor", anchor="middle"),
-        _text(left, 95, "clear guide"),
-        _text(right, 158, "dyed guide", anchor="end"),
+        text(right + 32, 92, "LED", anchor="middle"),
+        text(left - 32, 160, "sensor", anchor="middle"),
+        text(left, 95, "clear guide"),
+        text(right, 158, "dyed guide", anchor="end"),
     ]
     for (place, kind), (up, down) in zip(_PRESSES, ((113, 129), (107, 135))):
         x = left + place * mm
@@ -95,9 +83,9 @@ def _strip() -> list[str]:
             f'<path class="{kind}" d="M{x:g} 100l-7 -14h14z"/>',
             f'<path class="{kind} line" d="M{right - 4:g} {up}H{x:g}V{down}H{left + 6}"/>',
             f'<path class="{kind}" d="M{left} {down}l10 -4v8z"/>',
-            _text(x, 78, f"press at {place:g} mm", anchor="middle"),
+            text(x, 78, f"press at {place:g} mm", anchor="middle"),
         ]
-    parts.append(_text(left + 12, 162, "From the press to the sensor, the dye absorbs blue light."))
+    parts.append(text(left + 12, 162, "From the press to the sensor, the dye absorbs blue light."))
     return parts
 
 
@@ -119,8 +107,8 @@ def _spectra(sensor: SensorFile) -> list[str]:
         parts.append(f'<polyline class="{kind} line" points="{points}"/>')
     parts += [
         f'<path class="axis" d="M{x0} {y0 - height}V{y0}H{x0 + width}"/>',
-        _text(x0, y0 + 18, "420 nm"),
-        _text(x0 + width, y0 + 18, "720 nm", anchor="end"),
+        text(x0, y0 + 18, "420 nm"),
+        text(x0 + width, y0 + 18, "720 nm", anchor="end"),
     ]
     return parts
 
@@ -145,7 +133,7 @@ def _counts(sensor: SensorFile) -> list[str]:
                 f'<rect class="{kind}" x="{x0 + i * step + 17 * j}" y="{y0 - tall:.1f}" '
                 f'width="14" height="{tall:.1f}"/>'
             )
-        parts.append(_text(x0 + i * step + 15, y0 + 18, name, anchor="middle"))
+        parts.append(text(x0 + i * step + 15, y0 + 18, name, anchor="middle"))
     parts.append(f'<path class="axis" d="M{x0 - 6} {y0}H{x0 + 6 * step - 8}"/>')
     return parts
 
@@ -173,15 +161,15 @@ def _contrast(sensor: SensorFile) -> list[str]:
         parts += [
             f'<path class="{kind} line" stroke-dasharray="3 3" d="M{x0} {y:.1f}H{x:.1f}V{y0}"/>',
             f'<circle class="{kind}" cx="{x:.1f}" cy="{y:.1f}" r="5"/>',
-            _text(x, y0 + 17, f"{place:g} mm", anchor="middle"),
+            text(x, y0 + 17, f"{place:g} mm", anchor="middle"),
         ]
     parts += [
         f'<path class="axis" d="M{x0} {y0 - height}V{y0}H{x0 + width}"/>',
-        _text(x0 - 6, y0 - height + 30, "log F8/F4", anchor="end"),
-        _text(x0 + width + 30, y0 - 62, "position: a weighted sum of the six"),
-        _text(x0 + width + 30, y0 - 44, "logarithms, weights adding up to 0"),
-        _text(x0 + width + 30, y0 - 18, "force: another sum of the six,"),
-        _text(x0 + width + 30, y0, "weights adding up to 1"),
+        text(x0 - 6, y0 - height + 30, "log F8/F4", anchor="end"),
+        text(x0 + width + 30, y0 - 62, "position: a weighted sum of the six"),
+        text(x0 + width + 30, y0 - 44, "logarithms, weights adding up to 0"),
+        text(x0 + width + 30, y0 - 18, "force: another sum of the six,"),
+        text(x0 + width + 30, y0, "weights adding up to 1"),
     ]
     return parts
 

@@ -19,6 +19,8 @@ from spots.outputs.usages import MODIFIERS_FROM, USAGES, name_of
 from spots_device.keys.layout import KEYBOARD
 from spots_make.drawing import SVG
 
+from .svg import picture
+
 DOCS = Path(__file__).parents[1]
 _LENGTH_MM = 100  # of the strip
 _AFTER_MS = 700  # time after the last finger in which a layout of the pages has decided everything
@@ -167,12 +169,7 @@ def document(layout: KeyLayout, gestures: dict[str, list[Finger]], title: str) -
         y += _GAP
     y += 12
     parts.append(_axis(y, scale, longest_ms))
-    head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {y + 8}" role="img">\n'
-        f"<title>{title}</title>"
-    )
-    ground = f'<rect class="ground" width="{_WIDTH}" height="{y + 8}" rx="8"/>'
-    return "\n".join([head, _STYLE, ground, *parts, "</svg>"]) + "\n"
+    return picture(title, _WIDTH, y + 8, _STYLE, parts)
 
 
 def _bar(kind: str, begin_ms: int, end_ms: int, y: int, scale: float) -> str:
