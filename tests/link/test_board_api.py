@@ -73,6 +73,18 @@ class Typing(Strip):
     keys = 1
 
 
+class Busy(Strip):
+    """A board on a busy computer: time passes between any two lines of the program."""
+
+    def now_s(self):
+        self.time_s += 0.003
+        return self.time_s
+
+    def read(self, timeout_s):
+        assert timeout_s >= 0
+        return super().read(timeout_s)
+
+
 @pytest.fixture
 def strip():
     link = Strip()
@@ -81,6 +93,11 @@ def strip():
 
 def take(frames, count):
     return list(itertools.islice(frames, count))
+
+
+def test_a_link_never_waits_for_a_time_that_has_passed():
+    with Board(Busy()) as board:
+        assert len(take(board.touches(), 3)) == 3
 
 
 def test_each_iterator_starts_its_stream_and_none_ends_another(strip):

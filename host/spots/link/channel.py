@@ -119,7 +119,11 @@ class Channel:
         return Text(0, 0, 0, {**content, "re": name})
 
     def pump(self, timeout_s: float) -> None:
-        """Take what has arrived; wait up to `timeout_s` seconds for the first bytes."""
+        """Take what has arrived; wait up to `timeout_s` seconds for the first bytes.
+
+        A timeout below 0 is 0: a deadline may pass between the caller's look at it and this call.
+        """
+        timeout_s = max(timeout_s, 0.0)
         self.check_open()
         if self.player is not None:
             for frame in self.player.frames(timeout_s):

@@ -145,7 +145,7 @@ class Connection:
                 channel.pump(timeout_s)
                 return
             due_s = min(channel.loss.ask_s, channel.clocks.due_s)
-            channel.pump(max(0.0, min(timeout_s, due_s - channel.now_s())))
+            channel.pump(min(timeout_s, due_s - channel.now_s()))
             self._resume()
             self._ask_time()
         except PortLostError:
