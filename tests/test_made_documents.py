@@ -56,7 +56,9 @@ def test_the_page_of_the_applications(tmp_path, monkeypatch):
     for name, value in (
         ("STRIPS", applications_page.STRIPS[:1]),
         ("WORDS_PER_MIN", (100,)),
-        ("SEEDS", range(1)),
+        ("HEADLINES", (100, "people")),
+        ("HEADLINE_SEEDS", 2),
+        ("SEEDS", 1),
         ("TOUCHES", 4),
         ("_SECONDS", 1.0),
     ):

@@ -8,6 +8,7 @@ import pytest
 from spots.keyboard.layout import load
 from spots_sim.demo.demo import demo
 from spots_sim.demo.typing_speed import interval_percent
+from spots_sim.measure.typing_errors import CAUSES
 from spots_sim.measure.typing_score import TypingScore
 from spots_sim.person.hands import HANDS
 from spots_sim.person.typist import fast_typing, two_fingers
@@ -17,6 +18,7 @@ from spots_sim.strip.scenario import Scenario
 DIGITS = load("digits")
 LENGTH_MM = 85.0
 ONE, TWO, THREE, NINE = 30, 31, 32, 38
+TOGETHER, THREE_AT_ONCE, NEAR, SHORT, SECOND, FIRST, ALONE, TWICE, LATE = CAUSES
 
 
 def at(began_s, usage, held_s=0.1):
@@ -53,17 +55,37 @@ def test_a_key_belongs_to_the_finger_whose_key_and_time_fit():
 
 def test_a_key_between_two_fingers_is_wrong_and_of_no_finger():
     figures = scored((1.02, ONE), (1.1, TWO), fingers=[at(1.0, ONE), at(1.06, THREE)])
-    assert counts(figures) == {"touches": 2, "right": 1, "wrong": 1, "no_finger": 1}
+    assert counts(figures) == {
+        "touches": 2, "right": 1, "wrong": 1, "no_finger": 1, "causes": {SECOND: 1}
+    }  # fmt: skip
 
 
 def test_a_key_twice_is_extra_and_of_a_finger():
     figures = scored((1.02, ONE), (1.1, ONE), fingers=[at(1.0, ONE)])
-    assert counts(figures) == {"touches": 1, "right": 1, "extra": 1}
+    assert counts(figures) == {"touches": 1, "right": 1, "extra": 1, "causes": {TWICE: 1}}
 
 
 def test_a_key_too_late_is_missed_and_extra():
     figures = scored((1.23, ONE), fingers=[at(1.0, ONE)])
-    assert counts(figures) == {"touches": 1, "missed": 1, "extra": 1, "no_finger": 1}
+    assert counts(figures) == {
+        "touches": 1, "missed": 1, "extra": 1, "no_finger": 1, "causes": {ALONE: 1, LATE: 1}
+    }  # fmt: skip
+
+
+def test_an_error_is_counted_in_the_first_circumstance_that_applies():
+    alone = [at(4.0, ONE)]
+    for causes, *fingers in (
+        ({TOGETHER: 2}, at(1.0, ONE), at(1.01, NINE)),
+        ({FIRST: 1, SECOND: 1}, at(1.0, ONE), at(1.02, NINE)),
+        ({NEAR: 2}, at(1.0, ONE), at(1.02, TWO)),
+        ({SHORT: 1, FIRST: 1}, at(1.0, ONE), at(1.02, NINE, 0.04)),
+        ({THREE_AT_ONCE: 3}, at(1.0, ONE), at(1.02, THREE), at(1.04, NINE)),
+        # The first and the third one do not touch together, so three never do.
+        ({FIRST: 1, SECOND: 2}, at(1.0, ONE), at(1.08, NINE), at(1.12, ONE)),
+    ):
+        figures = scored(fingers=[*fingers, *alone])
+        assert figures["causes"] == {**causes, ALONE: 1}
+        assert sum(figures["causes"].values()) == figures["missed"]
 
 
 def test_a_key_that_stays_down_is_stuck():

@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from dataclasses import dataclass
+from collections import Counter
 
 import numpy as np
 
 from spots.keyboard.key_layout import KeyLayout, parts_of
 
 from ..strip.files import ScenarioFile
+from .typing_errors import AFTER_S, Stroke, cause_of_press, cause_of_touch
 
-AFTER_S = 0.12  # a press may belong to a touch until this time after the end of the touch
 _STUCK_S = 0.5  # a key is stuck if it is down for this time without a finger
-
-
-@dataclass(frozen=True)
-class Stroke:
-    """One touch, in seconds of the scenario; `key` is HID page and usage, None between two keys."""
-
-    began_s: float
-    ended_s: float
-    key: tuple[int, int] | None
-
-    def covers(self, time_s: float) -> bool:
-        """Return whether this touch can cause a key press at `time_s`, in s of the scenario."""
-        return self.began_s <= time_s <= self.ended_s + AFTER_S
 
 
 def strokes(
@@ -44,9 +31,11 @@ def strokes(
             began_s = touch.points[0][0] + cycle * file.seconds
             ended_s = touch.points[-1][0] + cycle * file.seconds
             if began_s >= from_s and ended_s + AFTER_S <= to_s:
-                share = min(max(touch.points[0][1] / length_mm, 0.0), 1 - 1e-9)
+                place_mm = touch.points[0][1]
+                share = min(max(place_mm / length_mm, 0.0), 1 - 1e-9)
                 taps = [key.actions["tap"] for key in keys if key.low <= share < key.high]
-                found.append(Stroke(began_s, ended_s, parts_of(taps[0])[:2] if taps else None))
+                key = parts_of(taps[0])[:2] if taps else None
+                found.append(Stroke(began_s, ended_s, key, place_mm))
     return sorted(found, key=lambda stroke: stroke.began_s)
 
 
@@ -78,13 +67,16 @@ class TypingScore:
         ``wrong`` are presses of another key than the touched one, ``missed`` touches without a
         press, ``extra`` presses without a touch, ``no_finger`` wrong or extra presses of a key that
         no finger touched, ``stuck`` keys that stay pressed for more than 0.5 s after the last
-        finger has left the strip. ``latency_ms`` is from the start of a touch to the correct press.
+        finger has left the strip. ``causes`` has the number of wrong, missed and extra keys in each
+        circumstance, see `typing_errors`. ``latency_ms`` is from the start of a touch to the
+        correct press.
         """
         fingers = strokes(*self._parts, to_s)
         presses = [press for press in self._presses if press[0] <= to_s]
         right, open_presses = self._match(presses, fingers)
         taken = set(right.values())
         wrong = no_finger = 0
+        causes: Counter[str] = Counter()
         for time_s, key in open_presses:
             free = next(
                 (i for i, f in enumerate(fingers) if i not in taken and f.covers(time_s)), None
@@ -92,7 +84,12 @@ class TypingScore:
             if free is not None:
                 taken.add(free)
                 wrong += 1
+                causes[cause_of_touch(fingers[free], fingers)] += 1
+            else:
+                causes[cause_of_press(time_s, key, fingers)] += 1
             no_finger += not any(f.key == key and f.covers(time_s) for f in fingers)
+        missed = [finger for i, finger in enumerate(fingers) if i not in taken]
+        causes.update(cause_of_touch(finger, fingers) for finger in missed)
         self.late_ms = late_ms = [
             1000 * (presses[p][0] - fingers[f].began_s) for p, f in right.items()
         ]
@@ -100,10 +97,11 @@ class TypingScore:
             "touches": len(fingers),
             "right": len(right),
             "wrong": wrong,
-            "missed": len(fingers) - len(taken),
+            "missed": len(missed),
             "extra": len(open_presses) - wrong,
             "no_finger": no_finger,
             "stuck": self._stuck(to_s),
+            "causes": dict(causes),
             "latency_ms": {
                 f"p{p}": round(float(np.percentile(late_ms, p)), 1) if late_ms else None
                 for p in (50, 90, 99)
