@@ -100,7 +100,7 @@ class StripFeed:
                 self._engines = [*self._untried, trial]
 
     def _tried_key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        self._state.add_event({"kind": "tried", "name": _name(page, usage), "pressed": pressed})
+        self._state.add_event({"kind": "tried", "name": key_name(page, usage), "pressed": pressed})
 
     def take_spectrum(self, spectrum: Spectrum, now_s: float) -> None:
         """Process the spectrum of the reading that `take` processed last."""
@@ -145,7 +145,7 @@ class StripFeed:
             layer, index = self._down[event]
         else:
             layer, index = self._down.pop(event, (None, None))
-        what = {"name": _name(page, usage), "layer": layer, "index": index}
+        what = {"name": key_name(page, usage), "layer": layer, "index": index}
         self._state.add_event({"kind": "key", "pressed": pressed, **what})
         self._show()
 
@@ -191,7 +191,8 @@ class StripFeed:
         }
 
 
-def _name(page: int, usage: int) -> str:
+def key_name(page: int, usage: int) -> str:
+    """Return the name of a key in the web UI."""
     return typed(page, usage) or name_of(page, usage).lower().replace("_", " ")
 
 

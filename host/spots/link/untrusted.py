@@ -9,7 +9,7 @@ from .frames import Touch
 # least, so the warning comes within a second.
 _UNTRUSTED_S = 0.7
 # Causes and remedies by flags; the first entry whose flags are all set applies.
-_CAUSES = {
+CAUSES = {
     decode.NOT_CALIBRATED: ("the board has no calibration for its settings; next: spots calibrate"),
     decode.SATURATED: (
         "the sensor is saturated; next: shade the strip, or calibrate it with a smaller gain"
@@ -61,7 +61,7 @@ class Untrusted:
         # Without a press, `TOO_DARK` is always set. It is cleared here, because `TWO_FIT`, which
         # is `TOO_DARK` with `MISFIT`, has its meaning only during a press.
         known = touch.flags if touch.touching else touch.flags & ~decode.TOO_DARK
-        flag = next((flag for flag in _CAUSES if known & flag == flag), None)
+        flag = next((flag for flag in CAUSES if known & flag == flag), None)
         if flag is None:
             self._last_s = None
             if touch.touching or not self._misfit_press:
@@ -75,5 +75,5 @@ class Untrusted:
         self._last_s = now_s
         self._misfit_press = touch.touching and flag in (TWO_FIT, decode.MISFIT)
         if self._lasted_s >= _UNTRUSTED_S:
-            cause = _LIGHT if light_moves and flag & decode.MISFIT else _CAUSES[flag]
+            cause = _LIGHT if light_moves and flag & decode.MISFIT else CAUSES[flag]
             self.sentence = f"every reading is untrusted, because {cause}"

@@ -31,7 +31,7 @@ _CHANNEL_COLOURS = {
     "F1": "#7600ed", "F2": "#0028ff", "F3": "#00d5ff", "F4": "#1fff00", "F5": "#b3ff00",
     "F6": "#ffdf00", "F7": "#ff4f00", "F8": "#d00000", "CLEAR": "#f0f0f0", "NIR": "#8a5a5a",
 }  # fmt: skip
-_FLAG_WORDS = {
+FLAG_WORDS = {
     decode.SATURATED: "saturated",
     decode.MISFIT: "not one press",
     decode.NOT_CALIBRATED: "not calibrated",
@@ -195,7 +195,7 @@ def _is_felt(touch: Touch) -> bool:
 
 def flag_words(touch: Touch) -> list[str]:
     """Return words for the flags that make a reading untrusted, except for `TOO_DARK`."""
-    return [word for flag, word in _FLAG_WORDS.items() if touch.flags & flag]
+    return [word for flag, word in FLAG_WORDS.items() if touch.flags & flag]
 
 
 def plain(touch: Touch, started_s: float, unit: str = "N") -> str:

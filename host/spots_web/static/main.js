@@ -50,7 +50,9 @@ const QUIET_MS = 100;
 // has the newest value of every part. `news` has the parts that changed since the panel's last
 // drawing. It also has lists of everything since then: `events`, `touches` (values of the part touch)
 // and `besides` (values of the part beside). If the draw function returns true, it is called again.
-const panels = PANELS.map(([make, ...how]) => panel(make(document.getElementById(make.name)), ...how));
+// A page without the element of a panel does not show it.
+const panels = PANELS.filter(([make]) => document.getElementById(make.name))
+  .map(([make, ...how]) => panel(make(document.getElementById(make.name)), ...how));
 
 function panel(draw, rate, ...parts) {
   return { draw, parts, every_ms: 1000 / rate, due_ms: 0, news: null };

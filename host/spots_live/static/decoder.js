@@ -1,0 +1,101 @@
+// Decodes the bytes of a board to frames, as docs/extend/protocol.md describes them.
+
+const CRC = Array.from({ length: 256 }, (_, n) => {
+  for (let bit = 0; bit < 8; bit++) n = n & 1 ? (n >>> 1) ^ 0xedb88320 : n >>> 1;
+  return n >>> 0;
+});
+export const crc32 = (bytes) => ~bytes.reduce((crc, byte) => CRC[(crc ^ byte) & 255] ^ (crc >>> 8), ~0) >>> 0;
+const HEADER = 7, LONGEST = 903; // bytes before the body; of the longest frame, without its zero
+
+// Undoes the byte stuffing (COBS) of the bytes before a zero byte; null if they are damaged.
+function unstuffed(piece) {
+  const out = [];
+  for (let at = 0; at < piece.length; ) {
+    const length = piece[at];
+    if (length === 0 || at + length > piece.length) return null;
+    for (let i = at + 1; i < at + length; i++) out.push(piece[i]);
+    at += length;
+    if (length < 255 && at < piece.length) out.push(0);
+  }
+  return Uint8Array.from(out);
+}
+
+// For each kind of frame: the size of its body, and a function that reads it.
+const BODIES = {
+  1: [15, (body) => ({
+    kind: "touch", flags: body.getUint8(0), contrast_q20: body.getInt32(1, true), brightness_q20: body.getInt32(5, true),
+    position_um: body.getInt32(9, true), force_mN: body.getUint16(13, true),
+  })],
+  2: [14, (body) => ({
+    kind: "spectrum", flags: body.getUint8(0), gain: body.getUint8(1),
+    counts: [2, 4, 6, 8, 10, 12].map((at) => body.getUint16(at, true)),
+  })],
+  4: [5, (body) => ({
+    kind: "key", page: body.getUint8(0), usage: body.getUint16(1, true), modifiers: body.getUint8(3), pressed: body.getUint8(4) !== 0,
+  })],
+  5: [10, (body) => ({
+    kind: "contact", id: body.getUint8(0), state: body.getUint8(1), position_um: body.getInt32(2, true),
+    sigma_um: body.getUint16(6, true), force_mN: body.getUint16(8, true),
+  })],
+};
+const TEXT = 3, NOTE = 15;
+
+export class Decoder {
+  stats = { frames: 0, lost: 0, bad: 0 }; // frames with a valid CRC; missing numbers; damaged pieces
+  #partial = []; // bytes after the last zero byte
+  #overlong = false;
+  #expected = null; // number of the next frame
+
+  // Takes bytes, in any amount, and returns the frames that are now complete.
+  feed(bytes) {
+    const found = [];
+    for (const byte of bytes) {
+      if (byte !== 0) {
+        if (this.#overlong) continue;
+        this.#partial.push(byte);
+        if (this.#partial.length > LONGEST) {
+          this.#overlong = true;
+          this.stats.bad++;
+        }
+        continue;
+      }
+      const frame = this.#partial.length && !this.#overlong ? this.#take(this.#partial) : null;
+      if (frame) found.push(frame);
+      this.#partial = [];
+      this.#overlong = false;
+    }
+    return found;
+  }
+
+  #take(piece) {
+    const raw = unstuffed(piece), view = raw && new DataView(raw.buffer), size = raw ? raw.length - 4 : 0;
+    if (size < HEADER || crc32(raw.subarray(0, size)) !== view.getUint32(size, true)) {
+      this.stats.bad++;
+      return null;
+    }
+    const kind = raw[0] & 15, sequence = view.getUint16(1, true), t_us = view.getUint32(3, true);
+    if (kind !== NOTE) this.#count(sequence);
+    const head = { sensor: raw[0] >> 4, sequence, t_us }, [bodySize, read] = BODIES[kind] ?? [];
+    if (kind === TEXT) return this.#text(head, raw.subarray(HEADER, size));
+    if (!read) return null; // a kind of a later version, or a note of a recording
+    if (size - HEADER === bodySize) return { ...head, ...read(new DataView(raw.buffer, HEADER, bodySize)) };
+    this.stats.bad++;
+    return null;
+  }
+
+  #text(head, body) {
+    try {
+      const content = JSON.parse(new TextDecoder("utf-8", { fatal: true }).decode(body));
+      if (content && typeof content === "object" && !Array.isArray(content)) return { ...head, kind: "text", content };
+    } catch { /* no JSON */ }
+    this.stats.bad++;
+    return null;
+  }
+
+  #count(sequence) {
+    const gap = this.#expected === null ? 0 : (sequence - this.#expected) & 0xffff;
+    if (gap < 0x8000) this.stats.lost += gap; // otherwise the board has restarted, or a frame was repeated
+    this.#expected = (sequence + 1) & 0xffff;
+    this.stats.frames++;
+  }
+}
