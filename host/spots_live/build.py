@@ -20,6 +20,7 @@ from spots.deploy.build import build as build_firmware
 from spots.deploy.build import files_of
 from spots.deploy.staging import device_of
 from spots.keyboard.layout import load as load_layout
+from spots_device import PROTOCOL, __version__
 from spots_device.runtime.common import ADDRESS
 
 from .strips import BOARD_ID, STRIPS, strip
@@ -46,7 +47,10 @@ def build(folder: Path, micropython: Path) -> None:
     (there / "LICENSE.txt").write_text(_licence(), encoding="utf-8")
     _write(folder / "firmware.json", _firmware())
     _write(folder / "layouts.json", {name: layout(load_layout(name)) for name in LAYOUTS})
-    _write(folder / "words.json", {**words(), "strips": {name: one[0] for name, one in STRIPS.items()}})
+    _write(
+        folder / "words.json",
+        {**words(), "protocol": PROTOCOL, "strips": {name: one[0] for name, one in STRIPS.items()}},
+    )
     (folder / "strips").mkdir()
     for name in STRIPS:
         _write(folder / "strips" / f"{name}.json", strip(name))
@@ -58,7 +62,8 @@ def _firmware() -> dict:
     package = {name: data for name, data in files.items() if name.startswith("spots_device/")}
     return {
         "id": BOARD_ID,
-        "config": {**device_of("virtual").device, "NAME": "tab", "ADDRESS": ADDRESS},
+        "version": __version__,
+        "config": {**device_of("virtual").device, "NAME": "virtual board", "ADDRESS": ADDRESS},
         "files": {name: base64.b64encode(data).decode() for name, data in package.items()},
     }
 

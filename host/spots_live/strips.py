@@ -105,4 +105,3 @@ def _logs(optics: Optics, places_mm: np.ndarray, share: float) -> np.ndarray:
     given = {"share": share} if optics.coloured else {}
     rates = [optics.press(float(place), _WIDTH_MM, skin=True, **given) for place in places_mm]
     return np.log(rates)
-

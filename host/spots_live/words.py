@@ -1,4 +1,4 @@
-"""Words that the page shows: of flags and untrusted readings, of keys, and the characters of keys."""
+"""Words that the page shows: of flags, of untrusted readings, and of keys."""
 
 from __future__ import annotations
 
@@ -47,4 +47,3 @@ def layout(made: KeyLayout) -> dict:
         "checksum": checksum(made.lines),
         "places": places,
     }
-

@@ -10,11 +10,11 @@ import subprocess
 from pathlib import Path
 
 import pytest
-
 from fuzz.kept import kept
+from support.fault_streams import frames
+
 from spots.link.decoder import Decoder
 from spots.link.frames import Contact, Key, Note, Spectrum, Text, Touch
-from support.fault_streams import frames
 
 pytestmark = pytest.mark.board
 # More than a run of all tests can pay for: SPOTS_DAMAGED_STREAMS=1000.

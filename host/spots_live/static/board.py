@@ -9,6 +9,7 @@ from binascii import hexlify, unhexlify
 from errno import EIO
 
 import js
+
 from spots_device.board.app import BoardApp
 from spots_device.sensor.as7341 import AS7341
 

@@ -38,7 +38,8 @@ const BODIES = {
     sigma_um: body.getUint16(6, true), force_mN: body.getUint16(8, true),
   })],
 };
-const TEXT = 3, NOTE = 15;
+const TEXT = 3, NOTE = 15; // a note is in recordings only
+const EMPTY = new TextEncoder().encode("{}");
 
 export class Decoder {
   stats = { frames: 0, lost: 0, bad: 0 }; // frames with a valid CRC; missing numbers; damaged pieces
@@ -73,20 +74,21 @@ export class Decoder {
       this.stats.bad++;
       return null;
     }
-    const kind = raw[0] & 15, sequence = view.getUint16(1, true), t_us = view.getUint32(3, true);
-    if (kind !== NOTE) this.#count(sequence);
+    const kind = raw[0] & 15, sequence = view.getUint16(1, true), t_us = view.getUint32(3, true), body = raw.subarray(HEADER, size);
+    if (kind === NOTE) return this.#object({ kind: "note", since_us: sequence * 2 ** 32 + t_us }, body.length ? body : EMPTY);
+    this.#count(sequence);
     const head = { sensor: raw[0] >> 4, sequence, t_us }, [bodySize, read] = BODIES[kind] ?? [];
-    if (kind === TEXT) return this.#text(head, raw.subarray(HEADER, size));
-    if (!read) return null; // a kind of a later version, or a note of a recording
+    if (kind === TEXT) return this.#object({ ...head, kind: "text" }, body);
+    if (!read) return null; // a kind of a later version
     if (size - HEADER === bodySize) return { ...head, ...read(new DataView(raw.buffer, HEADER, bodySize)) };
     this.stats.bad++;
     return null;
   }
 
-  #text(head, body) {
+  #object(head, body) {
     try {
       const content = JSON.parse(new TextDecoder("utf-8", { fatal: true }).decode(body));
-      if (content && typeof content === "object" && !Array.isArray(content)) return { ...head, kind: "text", content };
+      if (content && typeof content === "object" && !Array.isArray(content)) return { ...head, content };
     } catch { /* no JSON */ }
     this.stats.bad++;
     return null;

@@ -2,7 +2,7 @@
 // web UI". `ask` sends a request of the page.
 
 const worker = new Worker(new URL("worker.js", import.meta.url), { type: "module" });
-const waiting = new Map();
+const waiting = new Map(), watched = [];
 let asked = 0, listener = () => {}, state = () => {};
 
 // Calls onNews(parts) for each message, and onState("live") when the worker runs. Returns a function to
@@ -18,6 +18,11 @@ export function connect(onNews, onState) {
     const shown = number;
     return () => worker.postMessage({ drawn: shown });
   };
+}
+
+// Calls take(value) with each new value of a part, before the panels draw it.
+export function onPart(part, take) {
+  watched.push([part, take]);
 }
 
 // Sends a request to the worker and returns the answer: an object, or {refused: why}.
@@ -39,6 +44,7 @@ export const ready = new Promise((done) => {
       waiting.get(data.id)(data.answer);
       waiting.delete(data.id);
     } else {
+      for (const [part, take] of watched) if (part in data.parts) take(data.parts[part]);
       listener(data.n, data.parts);
     }
   };

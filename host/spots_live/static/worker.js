@@ -1,25 +1,28 @@
-// Runs the board of this tab, or reads the board on USB, and sends the page what its panels show. All of it
-// is in a worker: a hidden tab loses no frame.
-import { Commands } from "./commands.js";
-import { Decoder } from "./decoder.js";
-import { Feed } from "./feed.js";
+// Reads the board of this tab, a board on USB, or a recording, and sends the page what its panels show. All of
+// it is in a worker: a hidden tab loses no frame.
 import { lifted, move } from "./hand.js";
 import { Light } from "./light.js";
+import { Player } from "./player.js";
+import { described, read, Recorder } from "./recording.js";
+import { Session } from "./session.js";
 import { draw, simulatedBoard } from "./simulated.js";
+import { UsbBoard } from "./usb.js";
 
-const SLICE_MS = 5;  // the board of this tab runs so far behind the page, in slices of this time
+const SLICE_MS = 5;  // time between two looks; the board of this tab runs so far behind the page
 const HURRY_US = 10_000;  // the board runs so long between two looks at its replies, while it starts
-const EVENTS_KEPT = 512;
-const STREAMS = "stream contact touch spectrum";
+const EVENTS_KEPT = 512, SHOW_MS = 250;
 const json = (path) => fetch(path).then((answer) => answer.json());
+const decoded = (text) => Uint8Array.from(atob(text), (one) => one.charCodeAt(0));
 
 // Parts and events that the page has not got yet. One message is under way at a time.
 let news = {}, events = [], missed = 0, sent = 0, drawn = 0;
-const put = (part, value) => { news[part] = value; };
-function event(one) {
-  events.push(one);
-  if (events.length > EVENTS_KEPT) missed += events.splice(0, events.length - EVENTS_KEPT).length;
-}
+const page = {
+  put: (part, value) => { news[part] = value; },
+  event: (one) => {
+    events.push(one);
+    if (events.length > EVENTS_KEPT) missed += events.splice(0, events.length - EVENTS_KEPT).length;
+  },
+};
 function show() {
   if (drawn < sent || !(Object.keys(news).length || events.length)) return;
   postMessage({ n: ++sent, parts: { ...news, events, ...(missed && { missed }) } });
@@ -27,54 +30,61 @@ function show() {
 }
 
 const [firmware, layouts, words] = await Promise.all(["firmware.json", "layouts.json", "words.json"].map(json));
-const feed = new Feed(put, event, words);
-let board = null, light = null, decoder = null, commands = null, strip = null, layout = "digits", known = {}, hurrying = false;
+const boardFile = fetch("board.py").then((answer) => answer.text());
+// `session` is what the page shows; `tab` the board of this tab, which stops while another board is shown.
+let session = null, tab = null, light = null, usb = null, player = null, recorder = null, hurrying = false;
 
-async function boot() {
-  decoder = new Decoder();
+// The board of this tab.
+
+async function startTab(strip) {
   light = new Light(strip.light, draw);
-  const glue = await fetch("board.py").then((answer) => answer.text());
-  const files = Object.fromEntries(Object.entries(firmware.files).map(([path, text]) => [path, Uint8Array.from(atob(text), (one) => one.charCodeAt(0))]));
-  board = await simulatedBoard({
-    files, glue, config: firmware.config, id: firmware.id, light, noise: strip.light.noise, onBytes, onReport,
+  const own = new Session({ send: (bytes) => tab.send(bytes), name: "this tab", page, words, layouts });
+  tab = await simulatedBoard({
+    files: Object.fromEntries(Object.entries(firmware.files).map(([path, text]) => [path, decoded(text)])), glue: await boardFile,
+    config: firmware.config, id: firmware.id, light, noise: strip.light.noise,
+    onBytes: (bytes) => own.take(bytes, performance.now()),
+    onReport: (name, report) => {
+      if (name === "gamepad") page.put("stick", stick(report));
+      else postMessage({ report: { name, report: [...report] } });
+    },
   });
-  commands = new Commands(board.send);
-  setInterval(run, SLICE_MS);
+  tab.session = session = own;
 }
 
 // Waits for commands, for which the board runs as fast as it can.
 async function hurried(done) {
   let waits = true;
-  done.finally(() => { waits = false; }).catch(() => {});
   hurrying = true;
+  done.catch(() => {}).finally(() => { waits = false; });
   while (waits) {
-    board.hurry(HURRY_US);
+    tab.hurry(HURRY_US);
     await null;
   }
   hurrying = false;
   return done;
 }
 
-function run() {
-  if (hurrying) return;
-  const nowMs = performance.now();
-  const timeUs = board.runUntil(nowMs - SLICE_MS);
-  lifted(light.fingers, timeUs);
-  feed.health(decoder.stats, nowMs);
-  show();
+// Stores everything, and restarts the board, so that it becomes a USB keyboard and gamepad.
+async function restart() {
+  await session.commands.command("set keys=1 gamepad=1");
+  await session.commands.command("save");
+  await session.commands.command("reboot");
+  await session.begin();
 }
 
-function onBytes(bytes) {
-  const nowMs = performance.now();
-  for (const frame of decoder.feed(bytes)) {
-    if (frame.kind === "text") commands.take(frame.content);
-    else feed.take(frame, frame.t_us * 1e-6, nowMs);
-  }
+async function useStrip(strip) {
+  light.tables = strip.light;
+  session.expected = strip.expected;
+  await session.commands.command(strip.settings);
+  await session.commands.upload("cal", strip.calibration.lines);
+  await restart();
 }
 
-function onReport(name, report) {
-  if (name === "gamepad") put("stick", stick(report));
-  else postMessage({ report: { name, report: [...report] } });
+async function pushLayout(name) {
+  await session.commands.upload("layout", layouts[name].lines);
+  if (session === tab?.session) return restart();
+  await session.commands.command("save");
+  return session.begin();
 }
 
 function stick(report) {
@@ -82,49 +92,84 @@ function stick(report) {
   return { x: axis(0), y: axis(2), z: axis(4), buttons: [0, 1, 2, 3].map((i) => Boolean(buttons >> i & 1)), held: false };
 }
 
-// Changes the light to that of a chosen strip, and gives the board its calibration.
-async function useStrip() {
-  light.tables = strip.light;
-  await commands.command(strip.settings);
-  await commands.upload("cal", strip.calibration.lines);
-  await restart();
+// A board on USB, and recordings.
+
+async function connect() {
+  await leave();
+  usb = new UsbBoard({
+    protocol: words.protocol,
+    say: (state, message, next) => page.put("board", { ...session?.known, state, message, next }),
+    begin: (send) => session = new Session({ send, name: "USB", page, words, layouts }),
+  });
+  usb.run();
 }
 
-async function useLayout(name) {
-  layout = name;
-  await commands.upload("layout", layouts[name].lines);
-  await restart();
+async function play(file) {
+  const { header, entries } = await read(file);
+  await leave();
+  const name = file.name;
+  session = new Session({ send: () => {}, name, page, words, layouts });
+  session.feed.use(layouts.digits);
+  session.known = { ...header.info, port: name, strip: 0, strips: [], layout: header.info.length_um ? layouts.digits.shown : null };
+  session.say("connected");
+  player = new Player(entries, (frame, nowMs) => session.show(frame, nowMs));
 }
 
-// Stores everything, restarts the board so that it becomes a USB keyboard, and starts the streams.
-async function restart() {
-  await commands.command("set keys=1 gamepad=1");
-  await commands.command("save");
-  await commands.command("reboot");
-  await begin();
+// Leaves the board on USB or the recording.
+async function leave() {
+  if (recorder) stopRecording();
+  await usb?.stop();
+  if (session !== tab?.session) session?.end("another board is shown");
+  usb = player = session = null;
 }
 
-async function begin() {
-  const info = await commands.command("hello"), { dark, full_scale } = await commands.command("get");
-  known = {
-    ...info, full_scale, port: board.name, strip: 0, strips: [{ id: info.id, calibration: info.calibration, length_um: info.length_um }],
-    start: "", expected: strip.expected && { ...strip.expected, dark: dark.map((sum) => sum / 64) }, layout: layouts[layout].shown,
-  };
-  feed.use(layouts[layout]);
-  put("board", { state: "connected", message: "", next: "", ...known });
-  await commands.command(STREAMS);
+async function startRecording() {
+  recorder = new Recorder(await described(session), `spots live ${firmware.version}`);
+  session.tap = (bytes, nowMs) => recorder.take(bytes, nowMs);
 }
+
+function stopRecording() {
+  const file = recorder.end();
+  session.tap = recorder = null;
+  page.put("recording", null);
+  return { file };
+}
+
+let shownMs = 0;
+setInterval(() => {
+  const nowMs = performance.now();
+  if (session && session === tab?.session && !hurrying) lifted(light.fingers, tab.runUntil(nowMs - SLICE_MS));
+  if (player) {
+    player.tick(nowMs);
+    if (player.ended) {
+      session.say("connected", "the recording has ended");
+      player = null;
+    }
+  } else if (!hurrying) session?.tick(nowMs);
+  if (recorder && nowMs - shownMs > SHOW_MS) {
+    shownMs = nowMs;
+    page.put("recording", { on: true, bytes: recorder.bytes, seconds: (nowMs - recorder.startMs) / 1000 });
+  }
+  show();
+}, SLICE_MS);
 
 // Requests of the page, by their path; each returns its answer.
 const requests = {
-  finger: (one) => { if (board) move(light.fingers, one, board.timeUs(one.atMs - performance.timeOrigin)); },
+  finger: (one) => { if (tab) move(light.fingers, one, tab.timeUs(one.atMs - performance.timeOrigin)); },
   strip: async (name) => {
-    strip = await json(`strips/${name}.json`);
-    if (!board) await boot();
-    await hurried(useStrip());
+    const strip = await json(`strips/${name}.json`);
+    await leave();
+    if (!tab) await startTab(strip);
+    session = tab.session;
+    await hurried(useStrip(strip));
   },
-  layout: (name) => hurried(useLayout(name)),
-  world: ({ drift, lampUW, dust }) => { Object.assign(light, { drift, lampUW, dust }); },
+  layout: (name) => (session === tab?.session ? hurried(pushLayout(name)) : pushLayout(name)),
+  world: (world) => { if (light) Object.assign(light, world); },
+  usb: connect,
+  play,
+  command: (line) => session.commands.command(line),
+  calibration: async (lines) => { await session.commands.upload("cal", lines); await session.begin(); },
+  record: () => (recorder ? stopRecording() : startRecording()),
 };
 
 onmessage = async ({ data: { drawn: last, id, path, body } }) => {
@@ -133,12 +178,13 @@ onmessage = async ({ data: { drawn: last, id, path, body } }) => {
     return;
   }
   try {
+    if (!(path in requests)) throw new Error("this page has no server: run 'spots serve' for this");
     postMessage({ id, answer: (await requests[path](body)) ?? {} });
   } catch (error) {
     postMessage({ id, answer: { refused: error.message ?? String(error) } });
   }
 };
 
-put("board", { state: "searching", message: "", next: "" });
+page.put("board", { state: "searching", message: "", next: "" });
 const named = Object.fromEntries(Object.entries(layouts).map(([name, one]) => [name, one.shown.name]));
 postMessage({ ready: { layouts: named, strips: words.strips } });
