@@ -11,6 +11,7 @@ import base64
 import json
 import shutil
 import tempfile
+from collections.abc import Collection
 from importlib import resources
 from pathlib import Path
 
@@ -31,8 +32,8 @@ LAYOUTS = "digits", "mini", "media"
 _DIGITS = 6  # significant digits of numbers in the tables
 
 
-def build(folder: Path, micropython: Path) -> None:
-    """Write the page; an existing folder is replaced."""
+def build(folder: Path, micropython: Path, strips: Collection[str] = tuple(STRIPS)) -> None:
+    """Write the page with some `STRIPS`; an existing folder is replaced."""
     shutil.rmtree(folder, ignore_errors=True)
     panels = resources.files("spots_web") / "static"
     own = resources.files("spots_live") / "static"
@@ -49,10 +50,10 @@ def build(folder: Path, micropython: Path) -> None:
     _write(folder / "layouts.json", {name: layout(load_layout(name)) for name in LAYOUTS})
     _write(
         folder / "words.json",
-        {**words(), "protocol": PROTOCOL, "strips": {name: one[0] for name, one in STRIPS.items()}},
+        {**words(), "protocol": PROTOCOL, "strips": {name: STRIPS[name][0] for name in strips}},
     )
     (folder / "strips").mkdir()
-    for name in STRIPS:
+    for name in strips:
         _write(folder / "strips" / f"{name}.json", strip(name))
 
 

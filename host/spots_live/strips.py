@@ -22,8 +22,8 @@ STRIPS = {
     "first": ("home-made", False),
     "first-rezeroed": ("home-made, re-zeroed", True),
 }
-# What the control "drift" of the page reaches at its end; a tenth of it is visible.
-DRIFT = Change(phosphor_nm=1.0, dye_percent=-2.0)
+# What the control "drift" of the page reaches at its end: about 2 mm, which no reading shows.
+DRIFT = Change(dye_percent=-5.0)
 _STEP_MM = 1.0  # between positions of the table; the page interpolates the logarithms: below 1 um
 _SHARES = 0.0, 0.5, 1.0  # contact shares, if the colour depends on them
 _WIDTH_MM = 4.0  # contact of a finger, as in `files.Finger`

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
-from playwright.sync_api import expect, sync_playwright
-from support.bring_browser import launch_options
+from playwright.sync_api import expect
+from support.browsing import browser, open_page, playing  # noqa: F401
 from support.serving import Bench, Serving
 
 from spots.keyboard.layout import load
@@ -16,98 +15,6 @@ from spots_linkage.panel import driven_sources
 from spots_sim.demo.linkage_demo import endless
 from spots_web.panel_feed import readers_of, shower
 from spots_web.state import PageState
-
-# Playwright's default timeout of 5 s is too short for a machine under load.
-expect.set_options(timeout=60_000)
-
-# The browser itself logs these errors while there is no server, when the server refuses a request,
-# or when a page closes or reloads during a request; a page cannot prevent this.
-_ACCEPTED = "net::ERR_CONNECTION_REFUSED", "status of 409", "net::ERR_ABORTED"
-
-# Records in `window.drawn` the readings that a page has drawn, with their times, and in
-# `window.underway` the largest number of messages that the page had not acknowledged.
-_RECORD = """
-window.drawn = [];
-document.addEventListener("drawn", ({ detail }) => {
-  const record = { ...detail };
-  // The frame is on the screen when this task is over and the next one begins.
-  const channel = new MessageChannel();
-  channel.port1.onmessage = () => {
-    record.shown_s = (performance.timeOrigin + performance.now()) / 1000;
-    window.drawn.push(record);
-    if (window.drawn.length > 5000) window.drawn.shift();
-  };
-  channel.port2.postMessage(null);
-});
-window.underway = 0;
-window.WebSocket = class extends WebSocket {
-  #drawn = 0;
-  constructor(url) {
-    super(url);
-    this.addEventListener("message", ({ data }) => {
-      const number = Number(/"n":(\\d+)/.exec(data)[1]);
-      window.underway = Math.max(window.underway, number - this.#drawn);
-    });
-  }
-  send(number) {
-    super.send(number);
-    this.#drawn = Number(number);
-  }
-};
-"""
-
-
-@pytest.fixture(scope="session")
-def playing():
-    """Chromium, which each process of the tests starts one time, and Playwright's event loop."""
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(**launch_options(playwright))
-        loop = asyncio.get_running_loop()
-        asyncio.events._set_running_loop(None)
-        yield chromium, loop
-        asyncio.events._set_running_loop(loop)
-        chromium.close()
-
-
-@pytest.fixture(scope="module")
-def browser(playing):
-    """Chromium, for one module of tests.
-
-    After the module, asyncio no longer reports Playwright's event loop as running in this thread,
-    because other tests run their own event loops.
-    """
-    chromium, loop = playing
-    asyncio.events._set_running_loop(loop)
-    yield chromium
-    asyncio.events._set_running_loop(None)
-
-
-@pytest.fixture
-def open_page(browser):
-    """Return a function that opens a URL and returns the page.
-
-    The test fails at its end if a page reported an error.
-    """
-    contexts, errors = [], []
-
-    def note(kind, text):
-        if not any(words in text for words in _ACCEPTED):
-            errors.append(f"{kind}: {text}")
-
-    def open_page(url, **options):
-        contexts.append(browser.new_context(**options))
-        contexts[-1].add_init_script(_RECORD)
-        page = contexts[-1].new_page()
-        page.on("console", lambda m: m.type == "error" and note(m.type, m.text))
-        page.on("pageerror", lambda error: note("exception", str(error)))
-        page.on("requestfailed", lambda r: note("request", f"{r.url} {r.failure}"))
-        page.goto(url)
-        return page
-
-    yield open_page
-    for context in contexts:
-        context.close()
-    assert not errors
 
 
 @pytest.fixture

@@ -23,9 +23,15 @@ export function move(fingers, { id, xMm, pressure, down }, timeUs) {
   } else if (before && before.grows && !pressure) {
     fingers.set(id, { ...before, xMm });
   } else {
+    if (!before) hold(fingers, timeUs);
     const [toMN, overUs] = pressure ? [pressure * FULL_MN, SLEW_US] : [TOUCH_MN, TOUCH_US];
     fingers.set(id, { xMm, fromMN: held, toMN, sinceUs: timeUs, overUs, grows: !pressure });
   }
+}
+
+// Lets no finger grow any more: with several fingers, people hold their force.
+function hold(fingers, timeUs) {
+  for (const [id, one] of fingers) if (one.grows) fingers.set(id, { ...one, fromMN: heldMN(one, timeUs), toMN: heldMN(one, timeUs), sinceUs: timeUs, overUs: 0, grows: false });
 }
 
 // Removes the fingers that have left the strip.

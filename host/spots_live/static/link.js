@@ -35,7 +35,9 @@ export function ask(path, body) {
 // What the worker offers, such as the layouts, when it runs.
 export const ready = new Promise((done) => {
   worker.onmessage = ({ data }) => {
-    if (data.report) {
+    if (data.file) {
+      document.dispatchEvent(new CustomEvent("file", { detail: data }));
+    } else if (data.report) {
       document.dispatchEvent(new CustomEvent("report", { detail: data.report }));
     } else if (data.ready) {
       state("live");

@@ -36,7 +36,6 @@ function use(source) {
   for (const id of ["choose-strip", "world-of-tab"]) $(id).closest("label, div").hidden = source !== "tab";
   $("choose-layout").closest("label").hidden = source === "file";
   $("settings").hidden = source !== "usb";
-  $("recording").hidden = source === "file";
   $("connect").textContent = source === "tab" ? "connect a board on USB" : "back to the simulated board";
   $("typed").placeholder = source === "usb" ? "click here: the board's keyboard types into this page" : "";
   document.body.dataset.source = source;
@@ -122,16 +121,11 @@ chooses($("upload"), $("calibration-file"), async (file) => {
 
 // Recordings.
 
-$("recording").addEventListener("click", async ({ target }) => {
-  const { file } = await tell(target, "record");
-  if (!file) return;
-  const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(file), download: `${new Date().toISOString().slice(0, 19).replaceAll(":", "")}.spots` });
+// The worker sends the file of a recording at its end.
+document.addEventListener("file", ({ detail: { file, name } }) => {
+  const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(file), download: name });
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
-});
-onPart("recording", (it) => {
-  $("recording").classList.toggle("on", Boolean(it?.on));
-  $("recording").textContent = it?.on ? `stop: ${it.seconds.toFixed(0)} s, ${(it.bytes / 1000).toFixed(0)} kB` : "record";
 });
 chooses($("play"), $("recording-file"), async (file) => {
   const { refused } = await tell($("play"), "play", file);

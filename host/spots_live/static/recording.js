@@ -52,10 +52,12 @@ export class Recorder {
   #begun = false;  // whether the first whole frame has begun
   #noteMs = 0;
   #tail = [];
+  #marks = [];  // notes that wait for the end of a frame
 
   // `about` is what `described` returns; `program` the name and version of this program.
   constructor(about, program) {
     this.startMs = performance.now();
+    this.file = `${new Date().toISOString().slice(0, 19).replaceAll(":", "")}.spots`;
     const header = {
       recording: VERSION, program, set: crypto.randomUUID().replaceAll("-", "").slice(0, 16), part: 0, host_s: this.startMs / 1000,
       utc_s: Date.now() / 1000, restarts: 0, sequence: null, ...about,
@@ -81,8 +83,18 @@ export class Recorder {
       }
       this.#write(Uint8Array.of(...this.#tail, ...bytes.subarray(first, end)));
       this.#tail = [];
+      for (const mark of this.#marks.splice(0)) this.#write(mark);
     }
     this.#tail.push(...bytes.subarray(Math.max(first, end)));
+  }
+
+  get seconds() {
+    return (performance.now() - this.startMs) / 1000;
+  }
+
+  // Marks the present moment.
+  mark(text) {
+    this.#marks.push(note(performance.now() - this.startMs, { mark: text }));
   }
 
   // Ends the recording; returns its bytes (Blob).

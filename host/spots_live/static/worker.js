@@ -30,6 +30,8 @@ function show() {
 }
 
 const [firmware, layouts, words] = await Promise.all(["firmware.json", "layouts.json", "words.json"].map(json));
+// All strips, so that the page needs no network when it has been loaded.
+const strips = Object.fromEntries(Object.keys(words.strips).map((name) => [name, json(`strips/${name}.json`)]));
 const boardFile = fetch("board.py").then((answer) => answer.text());
 // `session` is what the page shows; `tab` the board of this tab, which stops while another board is shown.
 let session = null, tab = null, light = null, usb = null, player = null, recorder = null, hurrying = false;
@@ -112,6 +114,7 @@ async function play(file) {
   session.feed.use(layouts.digits);
   session.known = { ...header.info, port: name, strip: 0, strips: [], layout: header.info.length_um ? layouts.digits.shown : null };
   session.say("connected");
+  page.put("recording", null);
   player = new Player(entries, (frame, nowMs) => session.show(frame, nowMs));
 }
 
@@ -121,19 +124,30 @@ async function leave() {
   await usb?.stop();
   if (session !== tab?.session) session?.end("another board is shown");
   usb = player = session = null;
+  page.put("recording", IDLE);
 }
+
+// Recordings of the board that is shown. The page gets the file at the end.
+
+const IDLE = { on: false, playing: null, error: null };
+let marks = 0;
+const recorded = () => ({
+  ...IDLE, on: Boolean(recorder), file: recorder.file, bytes: recorder.bytes, seconds: recorder.seconds, lost: session.decoder.stats.lost, marks,
+});
 
 async function startRecording() {
   recorder = new Recorder(await described(session), `spots live ${firmware.version}`);
+  marks = 0;
   session.tap = (bytes, nowMs) => recorder.take(bytes, nowMs);
 }
 
 function stopRecording() {
-  const file = recorder.end();
+  postMessage({ file: recorder.end(), name: recorder.file });
+  page.put("recording", { ...recorded(), on: false });
   session.tap = recorder = null;
-  page.put("recording", null);
-  return { file };
 }
+
+const record = { start: startRecording, stop: stopRecording, mark: () => recorder?.mark(`mark ${++marks}`) };
 
 let shownMs = 0;
 setInterval(() => {
@@ -143,12 +157,13 @@ setInterval(() => {
     player.tick(nowMs);
     if (player.ended) {
       session.say("connected", "the recording has ended");
+      page.put("recording", null);
       player = null;
     }
   } else if (!hurrying) session?.tick(nowMs);
   if (recorder && nowMs - shownMs > SHOW_MS) {
     shownMs = nowMs;
-    page.put("recording", { on: true, bytes: recorder.bytes, seconds: (nowMs - recorder.startMs) / 1000 });
+    page.put("recording", recorded());
   }
   show();
 }, SLICE_MS);
@@ -157,7 +172,7 @@ setInterval(() => {
 const requests = {
   finger: (one) => { if (tab) move(light.fingers, one, tab.timeUs(one.atMs - performance.timeOrigin)); },
   strip: async (name) => {
-    const strip = await json(`strips/${name}.json`);
+    const strip = await strips[name];
     await leave();
     if (!tab) await startTab(strip);
     session = tab.session;
@@ -169,7 +184,7 @@ const requests = {
   play,
   command: (line) => session.commands.command(line),
   calibration: async (lines) => { await session.commands.upload("cal", lines); await session.begin(); },
-  record: () => (recorder ? stopRecording() : startRecording()),
+  recording: (what) => record[what](),
 };
 
 onmessage = async ({ data: { drawn: last, id, path, body } }) => {
@@ -186,5 +201,7 @@ onmessage = async ({ data: { drawn: last, id, path, body } }) => {
 };
 
 page.put("board", { state: "searching", message: "", next: "" });
+page.put("may_command", true);
+page.put("recording", IDLE);
 const named = Object.fromEntries(Object.entries(layouts).map(([name, one]) => [name, one.shown.name]));
 postMessage({ ready: { layouts: named, strips: words.strips } });
