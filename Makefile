@@ -8,9 +8,10 @@ BIN := .venv/bin
 PARALLEL := --numprocesses auto --maxprocesses 8 --dist worksteal
 # The pure tests compute only; reading all test modules costs each process 4 s.
 PURE := --numprocesses 2 --dist worksteal -m "not board and not browser"
+MICROPYTHON := tests/wasm/node_modules/@micropython/micropython-webassembly-pyscript
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: help demo test test-fast browser lint labs lab-lerobot lab-rerun bench soak fuzz release build flash erase doctor docs pictures paper clean
+.PHONY: help demo test test-fast browser lint labs lab-lerobot lab-rerun bench soak fuzz release build flash erase doctor docs live pictures paper clean
 .DEFAULT_GOAL := help
 
 help:
@@ -27,6 +28,7 @@ help:
 	@echo 'make erase     remove firmware, settings, calibration and layout         BOARD=pico PORT='
 	@echo 'make doctor    check a board, and print a remedy for each problem        PORT='
 	@echo 'make docs      build the site of the documents: build/site/index.html'
+	@echo 'make live      build the live page: build/live/index.html, for any web server'
 	@echo 'make pictures  draw the pictures and screenshots of the documents again'
 	@echo 'make paper     measure again, and write the pages in docs/evidence'
 	@echo 'make release   write wheel, sdist, boards and hashes to dist             ARGS="dist --runtime pico=RPI_PICO.uf2"'
@@ -99,8 +101,12 @@ erase: .venv/demo
 doctor: .venv/demo
 	@$(BIN)/spots doctor $(if $(PORT),--port $(PORT))
 
-docs: .venv/docs
+docs: live
 	@$(BIN)/python docs/make/build_site.py
+	@rm -rf build/site/live && cp -R build/live build/site/live
+
+live: .venv/docs tests/wasm/node_modules
+	@$(BIN)/python -m spots_live.build build/live $(MICROPYTHON)
 
 pictures: .venv/test browser
 	@PYTHONPATH=docs $(BIN)/python -m make.pictures
@@ -131,11 +137,11 @@ clean:
 	@$(PIP) install --prefer-binary --editable '.[test]'
 	@touch .venv/demo .venv/docs $@
 
-# Packages of `make docs` alone, for a reader who tests nothing.
+# Packages of `make docs` and `make live` alone, for a reader who tests nothing.
 .venv/docs: pyproject.toml
 	@echo 'Setting up .venv for the documents (once) ...'
 	@$(PYTHON) -m venv .venv
-	@$(PIP) install --prefer-binary --editable '.[docs]'
+	@$(PIP) install --prefer-binary --editable '.[docs,virtual]'
 	@touch $@
 
 .venv/fuzz: .venv/test
@@ -143,6 +149,6 @@ clean:
 	@$(PIP) install --prefer-binary --editable '.[fuzz]'
 	@touch $@
 
-tests/wasm/node_modules: .venv/test tests/wasm/package.json tests/wasm/package-lock.json
+tests/wasm/node_modules: .venv/docs tests/wasm/package.json tests/wasm/package-lock.json
 	@PATH="$(CURDIR)/$(BIN):$$PATH" npm ci --prefix tests/wasm --no-audit --no-fund --loglevel error
 	@touch $@

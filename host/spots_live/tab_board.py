@@ -1,6 +1,8 @@
-# Starts the firmware in MicroPython for WebAssembly. `js.board` is the simulated hardware, see
-# simulated.js: a call takes and returns numbers and hexadecimal text, because a conversion byte by
-# byte would take most of the time.
+"""Starts the firmware in MicroPython for WebAssembly; the page loads this file as ``board.py``.
+
+`js.board` is the simulated hardware, see simulated.js: a call takes and returns numbers and
+hexadecimal text, because a conversion byte by byte would take most of the time.
+"""
 
 import io
 import json
