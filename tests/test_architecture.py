@@ -110,6 +110,18 @@ def test_the_fit_of_a_calibration_needs_no_board_no_terminal_and_no_clock():
     assert (found, len(modules) > 10) == ([], True)
 
 
+def test_every_process_that_runs_python_ignores_the_current_folder():
+    """Fails for a new process that would run a `random.py` of the user, on any computer."""
+    python = [*HOST.rglob("*.py"), *(ROOT / "docs/make").glob("*.py"), *ROOT.glob("tools/*.py")]
+    starts = {
+        path.name: line.strip()
+        for path in python
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if "sys.executable" in line and '"-I"' not in line
+    }
+    assert starts == {"python.py": 'return [sys.executable, "-c", _NOT_HERE + code, *words]'}
+
+
 def test_no_circle_of_modules():
     graph: dict[str, set[str]] = {module: set() for module in MODULES}
     for module, target, _ in arrows():

@@ -20,6 +20,7 @@ from pathlib import Path
 from time import gmtime
 
 import spots_device
+from spots.common.python import module_command
 from spots.deploy.build import build, files_of
 from spots.deploy.image import image
 from spots.deploy.runtime_files import form_of
@@ -69,7 +70,7 @@ def date() -> int:
 
 def packages(folder: Path) -> None:
     """Build wheel and sdist."""
-    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(ROOT)]
+    command = module_command("build", "--no-isolation", "--outdir", str(folder), str(ROOT))
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
 

@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 
 from spots.common import toml
+from spots.common.python import module_command
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -114,9 +115,8 @@ def build(folder: Path) -> Path:
         If a link leads nowhere, or the builder has another warning.
     """
     stage(folder / "docs")
-    words = [sys.executable, "-m", "zensical", "build", "--clean", "--strict"]
     run = subprocess.run(
-        words,
+        module_command("zensical", "build", "--clean", "--strict"),
         cwd=folder / "docs",
         env=os.environ | {"NO_COLOR": "1"},
         capture_output=True,

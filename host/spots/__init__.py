@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING
 
 from spots_device import __version__ as __version__
 
+from .common.python import script_again, shadow
+from .errors import SettingError
+
 if TYPE_CHECKING:
     from .errors import SpotsError
     from .link.board import Board
@@ -48,7 +51,17 @@ __all__ = [
 def __getattr__(name: str):
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f".{_MODULES[name]}", __name__), name)
+    file = script_again()
+    try:
+        if not file:
+            return getattr(import_module(f".{_MODULES[name]}", __name__), name)
+    except Exception as error:
+        file = shadow(error)
+        if not file:
+            raise
+    raise SettingError(
+        f"{file} has the name of a module of Python, and is imported instead: rename it"
+    )
 
 
 def __dir__() -> list[str]:

@@ -5,12 +5,12 @@ The file contains the whole file system of the board, so the board loses what wa
 
 import json
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 from ..common import atomic
 from ..common.bounded import read_bytes
+from ..common.python import code_command
 from ..errors import FileError, SettingError
 from .build import build
 from .runtime_files import form_of
@@ -101,6 +101,4 @@ def _stored(strips: int, layout: list[str], led: str | None) -> list[tuple[str, 
 
 
 def _save(folder: Path, parts: list[tuple[str, list[str]]]) -> None:
-    subprocess.run(
-        [sys.executable, "-c", _SAVE], cwd=folder, input=json.dumps(parts), text=True, check=True
-    )
+    subprocess.run(code_command(_SAVE), cwd=folder, input=json.dumps(parts), text=True, check=True)

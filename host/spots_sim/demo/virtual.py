@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 import tempfile
 import time
 import weakref
@@ -23,6 +22,7 @@ from spots.calibrate.session.bench import Bench
 from spots.calibrate.session.guide import Guide
 from spots.calibrate.session.presser import Presser
 from spots.calibrate.session.session_file import settings
+from spots.common.python import module_command
 from spots.deploy.drive import Drive
 from spots.deploy.place import Place
 from spots.deploy.prompt import Prompt
@@ -46,6 +46,8 @@ from .linkage_demo import Endless, endless, run
 VIRTUAL = "virtual"
 _START_S = 10.0
 _POLL_S = 0.02
+# Environment variable of a virtual board's process.
+_INSIDE = "SPOTS_INSIDE_VIRTUAL_BOARD"
 
 
 def open_port(target: str, options: Namespace | None = None) -> Board:
@@ -205,13 +207,19 @@ def start_simulator(
     system, without a copy of the firmware, only on MicroPython; if empty, a temporary folder with
     the firmware. ``end()`` waits for the process. PortError if the board does not start.
     """
+    if os.environ.get(_INSIDE):
+        raise PortError(
+            "a virtual board's process opens a virtual board: PYTHONPATH has a script with the "
+            "name of a module of Python, such as pty.py; rename it"
+        )
     if not folder and is_cpython(board):
         module, more = "cpython_realtime", (str(strips),)
     else:
         micropython_command()  # raises SpotsError before the process starts
         module, more = "realtime", (board, folder, str(strips))
     process = subprocess.Popen(
-        [sys.executable, "-m", f"spots_sim.board.{module}", sensor, scenario, str(seed), *more],
+        module_command(f"spots_sim.board.{module}", sensor, scenario, str(seed), *more),
+        env=os.environ | {_INSIDE: "1"},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
