@@ -11,6 +11,14 @@ PURE := --numprocesses 2 --dist worksteal -m "not board and not browser"
 MICROPYTHON := tests/wasm/node_modules/@micropython/micropython-webassembly-pyscript
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
+OLD := SPOTS needs Python 3.10 or newer, and $(PYTHON) is %d.%d: install a newer one, and run make with PYTHON=python3.12, or its name
+# Sets up an environment; one of an older Python, such as that of macOS, is replaced.
+define VENV
+@$(PYTHON) -c 'import sys; v = sys.version_info; v >= (3, 10) or sys.exit("$(OLD)" % tuple(v[:2]))'
+@$(or $(1),.venv)/bin/python -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null || rm -rf $(or $(1),.venv)
+@$(PYTHON) -m venv $(or $(1),.venv)
+endef
+
 .PHONY: help demo test test-fast browser lint labs lab-lerobot lab-rerun bench soak fuzz release build flash erase doctor docs live pictures paper clean
 .DEFAULT_GOAL := help
 
@@ -70,11 +78,11 @@ lab-rerun: build/labs/rerun
 	@$</bin/python -m pytest --noconftest -p no:cacheprovider tests/labs/lab_rerun.py
 
 build/labs/lerobot:
-	@$(PYTHON) -m venv $@
+	$(call VENV,$@)
 	@$@/bin/python -m pip --quiet install 'lerobot>=0.4,<0.5' pandas pytest --editable '.[virtual,export,lerobot]'
 
 build/labs/rerun:
-	@$(PYTHON) -m venv $@
+	$(call VENV,$@)
 	@$@/bin/python -m pip --quiet install pytest --editable '.[virtual,rerun]'
 
 release: .venv/test
@@ -125,7 +133,7 @@ clean:
 
 .venv/demo: pyproject.toml
 	@echo 'Setting up .venv (once) ...'
-	@$(PYTHON) -m venv .venv
+	$(call VENV)
 	@$(PIP) install --prefer-binary --editable '.[virtual,web]'
 	@$(PIP) install --prefer-binary --editable '.[flash,export,zenoh]' || \
 		echo 'Not every optional package exists for this machine. A command that needs a missing one names it.'
@@ -133,14 +141,14 @@ clean:
 
 .venv/test: pyproject.toml
 	@echo 'Setting up .venv for the tests (once) ...'
-	@$(PYTHON) -m venv .venv
+	$(call VENV)
 	@$(PIP) install --prefer-binary --editable '.[test]'
 	@touch .venv/demo .venv/docs $@
 
 # Packages of `make docs` and `make live` alone, for a reader who tests nothing.
 .venv/docs: pyproject.toml
 	@echo 'Setting up .venv for the documents (once) ...'
-	@$(PYTHON) -m venv .venv
+	$(call VENV)
 	@$(PIP) install --prefer-binary --editable '.[docs,virtual]'
 	@touch $@
 

@@ -1,6 +1,6 @@
 """Record a board and plot its readings; closing the window ends the recording.
 
-This needs matplotlib (pip install matplotlib). Use the recording with
+This needs matplotlib: pip install -e ".[plots]". Use the recording with
 spots info FILE.spots, spots replay FILE.spots or spots export FILE.spots --to npz.
 """
 
@@ -23,7 +23,7 @@ options = parser.parse_args()
 try:
     import matplotlib.pyplot as plt
 except ImportError:
-    parser.error("matplotlib is not installed: pip install matplotlib")
+    parser.error('matplotlib is not installed: pip install -e ".[plots]"')
 
 figure, (place, force) = plt.subplots(2, sharex=True)
 place.set(ylabel="position / mm", ylim=(0, 100))

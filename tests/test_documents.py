@@ -8,10 +8,13 @@ import importlib.metadata
 import importlib.util
 import re
 import shlex
+import shutil
 import subprocess
+import sys
 
 import pytest
 from support.documents import ROOT, blocks, shell_lines
+from support.environments import required
 
 from spots.cli import _parser
 from spots.common import toml
@@ -146,6 +149,17 @@ def test_extras_are_installed_from_a_checkout_in_any_shell(name):
         assert {*extras[1].split(",")} <= known
 
 
+def test_the_sizes_of_extras_are_those_of_their_packages():
+    text = (ROOT / "docs/try/index.md").read_text(encoding="utf-8")
+    ours = importlib.metadata.distribution("spots-tactile")
+    sizes = re.findall(r"`\.\[([a-z,]+)\]`[^`()]*\((\d\.\d) GB\)", text)
+    assert len(sizes) == 2
+    for extras, shown in sizes:
+        files = [f for d in required(ours, extras.split(",")).values() for f in d.files]
+        # pip adds compiled modules, of which it stores no size.
+        assert float(shown) == pytest.approx(sum(f.size or 0 for f in files) / 1e9, rel=0.25)
+
+
 @pytest.mark.parametrize("name", ["docs/build/index.md", "docs/build/wiring.md"])
 def test_the_first_wiring_is_that_of_the_first_breakout(name):
     text = (ROOT / "docs/build/parts.md").read_text(encoding="utf-8")
@@ -186,3 +200,32 @@ def test_the_figures_of_the_readme_are_the_measured_ones(name, measured):
 def test_the_readme_fits_a_screen():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert len([word for word in text.split() if re.search(r"\w", word)]) <= 700
+
+
+@pytest.mark.board
+@pytest.mark.parametrize("minor", [9, 11])
+def test_make_replaces_an_environment_of_an_older_python(minor, tmp_path):
+    """Fails if make goes on with a Python that is too old, or with an environment of it."""
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    (tmp_path / "pyproject.toml").touch()
+
+    def python(path, minor):
+        """Write a stand-in: it is of a version, and it sets up environments."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        code = f"import sys; sys.version_info = (3, {minor}); exec(sys.argv[1])"
+        path.write_text(
+            f'#!/bin/sh\ncase "$1" in\n-c) exec {sys.executable} -c "{code}" "$2";;\n'
+            f"-m) [ $2 = venv ] && mkdir -p $3/bin && ln $0 $3/bin/python;;\nesac\nexit 0\n"
+        )
+        path.chmod(0o755)
+
+    python(tmp_path / "python3", minor)
+    python(tmp_path / ".venv/bin/python", 9)
+    (tmp_path / ".venv/old").touch()
+    make = ["make", "-C", str(tmp_path), ".venv/demo", "PYTHON=./python3"]
+    run = subprocess.run(make, capture_output=True, text=True, check=False)
+    assert (run.returncode == 0) == (tmp_path / ".venv/demo").exists() == (minor >= 10)
+    assert (tmp_path / ".venv/old").exists() == (minor < 10)
+    assert ("SPOTS needs Python 3.10 or newer, and ./python3 is 3.9: " in run.stderr) == (
+        minor < 10
+    )

@@ -247,4 +247,17 @@ def _install(extra: str) -> str:
         path = url2pathname(urlsplit(url).path)
         if path and os.path.exists(path):
             source, option = path, "-e " * origin.get("dir_info", {}).get("editable", False)
-    return f'pip install {option}"{source}[{extra}]"'
+    return pip_install(f'{option}"{source}[{extra}]"')
+
+
+def pip_install(what: str) -> str:
+    """Return the command that installs something; `what` is the argument of ``pip install``.
+
+    An environment that uv made has no pip.
+    """
+    from importlib.metadata import PackageNotFoundError, distribution
+
+    by = ""
+    with suppress(PackageNotFoundError):
+        by = (distribution(DISTRIBUTION).read_text("INSTALLER") or "").strip()
+    return f"{'uv ' * (by == 'uv')}pip install {what}"

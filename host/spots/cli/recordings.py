@@ -95,8 +95,9 @@ def recalibrate(parser: Parser):
     """Compute positions and forces of a recording again with another calibration.
 
     The result is a new recording, with the readings that the board would have sent. It needs the
-    spectra of 'spots record', and firmware of this version. After lost frames, readings are unknown
-    for up to ten seconds.
+    spectra of 'spots record', firmware of this version, and a calibration at the gain, LED current
+    and channels of the recording: calibrate with --keep-settings. After lost frames, readings are
+    unknown for up to ten seconds.
 
     examples:
       spots recalibrate run.spots --calibration new.toml

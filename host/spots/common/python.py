@@ -28,9 +28,10 @@ def module_command(module: str, *words: str) -> list[str]:
 
 def script_again() -> str:
     """Return the script's path if it runs a second time, because a package imports its name."""
-    path = getattr(sys.modules["__main__"], "__file__", None)
-    module = sys.modules.get(Path(path).stem) if path else None
-    return path if getattr(module, "__file__", None) == path and path else ""
+    path = getattr(sys.modules["__main__"], "__file__", None) or ""
+    name = Path(path).stem
+    module = sys.modules.get(name) if name in sys.stdlib_module_names else None
+    return path if path and getattr(module, "__file__", None) == path else ""
 
 
 def shadow(error: BaseException) -> str:

@@ -5,7 +5,7 @@ it types on an American keyboard. This keyboard presses the key that types the s
 computer's own keyboard layout.
 """
 
-from ..errors import RequirementError, SettingError
+from ..errors import RequirementError, SettingError, pip_install
 from .devices import Keyboard
 from .usages import Usage
 
@@ -23,8 +23,8 @@ class DesktopKeyboard(Keyboard):
         except ImportError as error:
             why = "" if error.name == "pynput" else f" ({error})"
             raise RequirementError(
-                f"typing on this computer needs pynput and a desktop{why}: pip install pynput, or "
-                "use --dry-run to print the keys"
+                f"typing on this computer needs pynput and a desktop{why}: "
+                f"{pip_install('pynput')}, or use --dry-run to print the keys"
             ) from None
         self._names = keyboard.Key
         self._controller = keyboard.Controller()

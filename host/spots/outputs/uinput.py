@@ -6,7 +6,7 @@ import platform
 from collections.abc import Callable
 from pathlib import Path
 
-from ..errors import RequirementError
+from ..errors import RequirementError, pip_install
 from .devices import AXIS_MAX, BUTTONS, Gamepad, Keyboard, State
 from .usages import USAGES, Usage
 
@@ -75,7 +75,7 @@ def _import_evdev():
         import evdev
     except ImportError:
         raise RequirementError(
-            f"the package evdev is missing: pip install {_PACKAGE}, or use --dry-run"
+            f"the package evdev is missing: {pip_install(_PACKAGE)}, or use --dry-run"
         ) from None
     return evdev
 

@@ -49,7 +49,7 @@ def read_dataframe(path: str | Path, kind: str = "touch") -> Any:
     try:
         import pandas as pd
     except ImportError:
-        raise missing("a table of pandas needs", "pandas", "export") from None
+        raise missing("a table of pandas needs", "pandas", "pandas") from None
     if kind not in VALUES:
         raise SettingError(f"there is no kind {kind!r}: {did_you_mean(kind, list(VALUES))}")
     recording = RecordingBlocks(path)

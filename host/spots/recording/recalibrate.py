@@ -113,7 +113,7 @@ class _Lane:
 
     def _set(self, reading: _Reading, values: Values) -> None:
         reading.values = values
-        is_known = self.strip.is_known
+        is_known = not values.flags & d.NOT_CALIBRATED
         self.known += is_known
         self.unknown += not is_known
         if self.strip.why_unknown:
@@ -233,9 +233,9 @@ def recalibrate(
     """Compute the readings of a recording again with other calibrations; write a new recording.
 
     The new recording has the same frames at the same times, except CONTACT frames, which belong to
-    the old calibration. A reading that cannot be computed gets the flag `decode.NOT_CALIBRATED`;
-    its position and force are unknown. The readings of a strip without a new calibration stay as
-    they are.
+    the old calibration. A reading that cannot be computed, or at whose settings the calibration
+    cannot be used, gets the flag `decode.NOT_CALIBRATED`; its position and force are unknown. The
+    readings of a strip without a new calibration stay as they are.
 
     A calibration is a path, or lines, for one strip. For ``run.spots``, `out` is
     ``run-recalibrated.spots`` by default. FileError if a file cannot be read, no reading can be

@@ -60,6 +60,17 @@ _WORD = {at: SINGLE + i for i, at in enumerate(INDICES)}
 _OF_LIGHT = (*range(d.DARK, d.DARK + CHANNELS), d.AGE_US, d.EVERY_US, d.AGE_STEP_US, d.IDLE_MIN_US)
 
 
+# End of a sentence of the board about its settings, which a recording cannot change.
+_SET_THIS = "; set this, or calibrate again"
+
+
+def _calibrate_at(made: of_board.Conditions) -> str:
+    return (
+        f", the recording at gain={made.gain} led_mA={made.led_mA} "
+        f"channels={','.join(made.plan)}: set these, and calibrate with --keep-settings"
+    )
+
+
 class Values(NamedTuple):
     """What a reading contains besides its header; all 0 but the flags if it is unknown."""
 
@@ -232,6 +243,8 @@ class ReplayedStrip:
         if begins:
             self._key = key
             found, self.why_not = self._slot.choose(*key)
+            if self.why_not:
+                self.why_not = self.why_not.replace(_SET_THIS, _calibrate_at(conditions))
             if not words[State.LIT_FLAGS]:
                 found = None
             strip.conditions = conditions

