@@ -37,7 +37,7 @@ help:
 	@echo 'make doctor    check a board, and print a remedy for each problem        PORT='
 	@echo 'make docs      build the site of the documents: build/site/index.html'
 	@echo 'make live      build the live page: build/live/index.html, for any web server'
-	@echo 'make pictures  draw the pictures and screenshots of the documents again'
+	@echo 'make pictures  draw pictures and screenshots of the documents again, and list the parts'
 	@echo 'make paper     measure again, and write the pages in docs/evidence'
 	@echo 'make release   write wheel, sdist, boards and hashes to dist             ARGS="dist --runtime pico=RPI_PICO.uf2"'
 	@echo 'make clean     remove .venv and all built files'
@@ -121,6 +121,7 @@ pictures: .venv/test browser
 	@PYTHONPATH=docs $(BIN)/python -m make.timings
 	@PYTHONPATH=docs $(BIN)/python -m make.press
 	@PYTHONPATH=docs $(BIN)/python -m make.link_states
+	@PYTHONPATH=docs $(BIN)/python -m make.parts_page
 	@$(BIN)/python docs/make/screenshots.py
 
 paper: .venv/test

@@ -14,6 +14,7 @@ from make import (
     applications_page,
     link_states,
     linkage_page,
+    parts_page,
     pictures,
     press,
     screenshots,
@@ -94,6 +95,12 @@ def test_the_pictures(tmp_path, monkeypatch, capsys):
 
 def test_the_picture_of_the_link_has_the_states_and_times_of_the_host():
     assert (PICTURES / "link_states.svg").read_text(encoding="utf-8") == link_states.document()
+
+
+def test_the_parts_and_costs_of_all_pages_are_those_of_one_list():
+    """Fails if a page, the README or the CSV has another part, amount or price."""
+    for path, text in parts_page.documents().items():
+        assert path.read_text(encoding="utf-8") == text, path
 
 
 def test_the_screenshots(tmp_path, monkeypatch):

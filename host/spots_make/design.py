@@ -42,7 +42,7 @@ from spots_sim.measure.measurements import FORCE_MN, PLACES
 from spots_sim.person.stage import NEAR_UM
 from spots_sim.strip.files import SensorFile, load, to_toml
 
-from . import drawing, mould
+from . import drawing, mould, parts
 from . import recipe as recipes
 from . import shape as dims
 from .shape import StripShape
@@ -270,7 +270,9 @@ def _to_make(shape, strips: int, found: Design, options, folder: Path) -> list[P
     )
     recipe = folder / "build.md"
     atomic.write_text(recipes.text(shape, strips, found.dye_per_mm, line), recipe, recipes.KIND)
-    return [recipe, *drawing.write(shape, folder), *mould.write(shape, folder)]
+    bill = folder / "parts.csv"
+    atomic.write_text(parts.csv_text(shape, strips), bill, parts.KIND)
+    return [recipe, bill, *drawing.write(shape, folder), *mould.write(shape, folder)]
 
 
 def _text(found: Design) -> str:

@@ -28,6 +28,7 @@ SPARE = 0.3  # share of the cavities' volume for overflow and for parts that bre
 CUP_ML = 2.0  # volume of rubber that stays in the mixing cup; not tried
 LEAST_ML = 15.0  # smaller amounts are hard to stir and to weigh; not tried
 STEP_ML = 0.5
+TINT_G = 100.0  # g of tint that are stirred at once
 TINT_SHARE = 1e-3  # share of pigment paste in the tint
 TEST_DOSE = 2.0  # g of tint in 100 g, for the first test piece
 
@@ -104,6 +105,18 @@ def batches(shape: StripShape, strips: int) -> list[Batch]:
     ]
 
 
+def consumption_g(shape: StripShape, strips: int) -> dict[str, float]:
+    """Return the mass of each component that the recipe consumes, in g, with the tint of the dye.
+
+    The tint in a batch replaces part B; so the sum is a little more than what is needed.
+    """
+    used = {"red pigment paste": TINT_G * TINT_SHARE, "B": TINT_G * (1 - TINT_SHARE)}
+    for batch in batches(shape, strips):
+        for name, _, mass_g in batch.portions():
+            used[name] = used.get(name, 0.0) + mass_g
+    return used
+
+
 def tint_g(mixed_g: float, dose: float) -> float:
     """Return the mass of tint for tinted rubber; `dose` is g of tint in 100 g of it."""
     return mixed_g * dose / 100
@@ -132,8 +145,12 @@ def text(shape: StripShape, strips: int, dye_per_mm: float, command: str) -> str
             guide_g_ml=GUIDE.density_g_ml,
             support_g_ml=SUPPORT.density_g_ml,
             dye_per_mm=dye_per_mm,
-            pigment_g=100 * TINT_SHARE,
-            part_b_g=100 - 100 * TINT_SHARE,
+            pigment_g=TINT_G * TINT_SHARE,
+            part_b_g=TINT_G * (1 - TINT_SHARE),
+            consumed="\n".join(
+                f"| {name if len(name) > 1 else f'{GUIDE.name} {name}'} | {mass_g:.3g} g |"
+                for name, mass_g in sorted(consumption_g(shape, strips).items())
+            ),
             test_mm=TEST_LENGTH,
             test_dose=TEST_DOSE,
             test_tint_g=tint_g(mixed[1].mixed_g, TEST_DOSE),

@@ -1,5 +1,7 @@
 """The recipe that `spots design --out` writes: its steps, and its amounts of material."""
 
+import csv
+import io
 import re
 import shlex
 
@@ -7,6 +9,7 @@ import pytest
 
 from spots.cli import _parser, main
 from spots_make import mould as strip_mould
+from spots_make import parts
 from spots_make import recipe as strip_recipe
 from spots_make.shape import StripShape
 
@@ -62,6 +65,26 @@ def test_each_batch_fills_its_cavities_with_spare(strips):
     assert b_ml == pytest.approx(2 * a_ml)  # as in the paper
     ml = {name: ml for name, ml, _ in support.portions()}
     assert ml["Dragon Skin 30 A"] == pytest.approx(2 * ml["Ecoflex 00-30 B"])  # as in the paper
+
+
+@pytest.mark.parametrize("strips", [1, 30])
+def test_the_bill_of_materials_has_all_that_the_recipe_consumes(strips):
+    """Fails if the recipe consumes a component that nobody is told to buy, or enough of."""
+    shape = StripShape(85)
+    text = strip_recipe.text(shape, strips, 0.028, "spots design")
+    table = csv.DictReader(io.StringIO(parts.csv_text(shape, strips)))
+    counts = {row["part"]: row["count"] for row in table}
+    named = {name for one in parts.parts() for name in one.of}
+    used = strip_recipe.consumption_g(shape, strips)
+    assert named == used.keys()
+    for mass_g in used.values():
+        assert f"{mass_g:.3g} g" in " ".join(counts.values())
+    (b_g,) = re.findall(r"paste for polyurethane in ([\d.]+) g of part B", text)
+    batches = strip_recipe.batches(shape, strips)
+    mixed = [g for batch in batches for name, _, g in batch.portions() if name == "B"]
+    assert used["B"] == pytest.approx(sum(mixed) + float(b_g))
+    assert counts["AS7341 breakout"] == str(strips)
+    assert all(one.euros or not one.counted for one in parts.parts())
 
 
 @pytest.mark.board
