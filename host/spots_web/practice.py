@@ -1,10 +1,10 @@
 """Practice of calibration sessions in the web UI, with a simulated strip; no file is written."""
 
 from argparse import Namespace
-from pathlib import Path
-from tempfile import TemporaryDirectory
+from contextlib import ExitStack
 
 from spots.calibrate.session.practice import practise
+from spots.common import atomic
 from spots.errors import SettingError
 
 from .calibration import PageCalibration, Start
@@ -15,8 +15,9 @@ class PagePractice(PageCalibration):
     """Runs practice sessions for browsers, see `calibrate.session.practice`."""
 
     def __init__(self, options: Namespace, state: PageState):
-        self._folder = TemporaryDirectory()
-        super().__init__(Path(self._folder.name) / "practice.jsonl", state)
+        self._folder = ExitStack()
+        folder = self._folder.enter_context(atomic.temporary())
+        super().__init__(folder / "practice.jsonl", state)
         self._options = Namespace(**{**vars(options), "channels": None, "keep_settings": False})
         self._show(practice=True, ruler=None)
 

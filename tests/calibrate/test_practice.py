@@ -25,12 +25,14 @@ def read_ruler(lines):
 class Reader(io.StringIO):
     """A person at a terminal who reads the simulated ruler and scale, or only presses Enter."""
 
-    def __init__(self, reads=True):
+    def __init__(self, reads=True, slips=False):
         super().__init__()
-        self._reads, self.asked = reads, 0
+        self._reads, self._slips, self.asked = reads, slips, 0
 
     def readline(self):
         self.asked += 1
+        if self._slips and self.asked in (5, 6):  # types a wrong position, and takes it back
+            return "77 mm\n" if self.asked == 5 else "undo\n"
         lines = self.getvalue().splitlines()
         answer = []
         if lines[-1].startswith("what do") and "second" not in lines[-1]:
@@ -71,7 +73,7 @@ def test_a_careful_person_gets_a_good_score_and_no_file(monkeypatch, tmp_path):
 
 @pytest.mark.board
 def test_a_person_who_only_presses_enter_gets_the_score_for_it(monkeypatch, tmp_path):
-    careful = practised(monkeypatch, tmp_path, Reader(), "--rough", "--places", "9")
+    careful = practised(monkeypatch, tmp_path, Reader(slips=True), "--rough", "--places", "9")
     careless = practised(monkeypatch, tmp_path, Reader(False), "--rough", "--places", "9")
     assert careful[1] < 0.1
     assert careless[1] > 0.5

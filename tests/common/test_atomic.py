@@ -209,6 +209,19 @@ def test_what_a_living_process_writes_stays_when_the_clock_is_set_forward(
             assert staging.is_dir()
 
 
+def test_a_temporary_folder_removes_what_a_killed_program_left(tmp_path, monkeypatch):
+    """Fails if boards and sessions that were killed fill the temporary folder."""
+    monkeypatch.setattr(atomic.tempfile, "tempdir", str(tmp_path))
+    left = tmp_path / ".spots-abcdefgh.part"
+    (left / "files").mkdir(parents=True)
+    os.utime(left, (0, 0))
+    with atomic.temporary() as folder:
+        assert folder.is_relative_to(tmp_path)
+        assert not list(folder.iterdir())
+        assert not left.exists()
+    assert names(tmp_path) == []
+
+
 @pytest.mark.board
 def test_only_left_overs_of_ours_are_removed(tmp_path, interrupted):
     kill(interrupted("file", tmp_path / "a.toml"))

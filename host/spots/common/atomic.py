@@ -213,6 +213,15 @@ def folder(parent: Path) -> Iterator[Path]:
         yield Path(staging)
 
 
+@contextmanager
+def temporary() -> Iterator[Path]:
+    """Make an empty folder for temporary files, and remove the folder on exit; see `folder`."""
+    with folder(Path(tempfile.gettempdir())) as staging:
+        inner = staging / "files"
+        inner.mkdir()
+        yield inner
+
+
 def not_written(path: Path, error: OSError) -> SpotsError:
     """Return the error for a file that cannot be written."""
     if not path.parent.is_dir():

@@ -2,15 +2,15 @@
 
 import hashlib
 import sys
-import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 
 from rich.progress import track
 
 from spots_device import __version__
 
+from ..common import atomic
 from ..errors import BoardError, printable
 from ..link.board import Board
 from . import manifest
@@ -65,8 +65,8 @@ def flash(board: str, port: str | None = None, dry_run: bool = False, strips: in
     room, or is disconnected. To complete a partial copy, call this function again.
     """
     device = device_of(board, strips)
-    with place(device, port) as there, tempfile.TemporaryDirectory() as folder:
-        files = files_of(build(board, Path(folder), strips))
+    with place(device, port) as there, atomic.temporary() as folder:
+        files = files_of(build(board, folder, strips))
         with there.open() as target:
             refuse(target.facts, device, files, there.name)
             plan = make_plan(files, target, device.runtime)

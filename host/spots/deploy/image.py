@@ -5,7 +5,6 @@ The file contains the whole file system of the board, so the board loses what wa
 
 import json
 import subprocess
-import tempfile
 from pathlib import Path
 
 from ..common import atomic
@@ -74,10 +73,10 @@ def compose(
         raise FileError(
             f"{runtime} is not {form.source}: download it, and name it with --runtime", runtime
         )
-    with tempfile.TemporaryDirectory() as folder:
+    with atomic.temporary() as folder:
 
         def built() -> Path:
-            files = build(device.name, Path(folder), strips)
+            files = build(device.name, folder, strips)
             if stored := _stored(strips, layout, led):
                 _save(files, stored)
             return files

@@ -6,7 +6,6 @@ temperature, silicone) comes from the board's STATE frames, see docs/extend/prot
 """
 
 import struct
-import tempfile
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -21,6 +20,7 @@ from spots_device.reading.calibration import Calibration
 from spots_device.reading.kernel import TOUCH_BODY
 
 from ..calibrate.calibration_file import load
+from ..common import atomic
 from ..errors import CalibrationError, FileError, SettingError
 from ..link.decoder import NOTE, checked, framed
 from ..link.former_names import present
@@ -301,8 +301,8 @@ def recalibrated(path: str | Path, *calibrations: str | Path | Sequence[str]) ->
     >>> import spots
     >>> touches = spots.recalibrated("run.spots", "new.toml").touches  # doctest: +SKIP
     """
-    with tempfile.TemporaryDirectory(prefix="spots-") as folder:
-        out = Path(folder) / "recalibrated.spots"
+    with atomic.temporary() as folder:
+        out = folder / "recalibrated.spots"
         recalibrate(path, calibrations, out)
         return read_arrays(out)
 

@@ -16,7 +16,6 @@ import pkgutil
 import platform
 import runpy
 import sys
-import tempfile
 import traceback
 from functools import partial
 from pathlib import Path
@@ -24,6 +23,7 @@ from types import ModuleType, SimpleNamespace
 from typing import Protocol
 
 import spots_device
+from spots.common import atomic
 from spots.deploy.staging import BOARDS, VIPER, device_of
 from spots_device.board.start import AFTER_CRASH_MS, CRASH_CHARACTERS
 from spots_device.runtime.common import ADDRESS, free_bus, rp2_mC
@@ -84,8 +84,8 @@ class CPythonBoard:
         cpu: Cpu | None = None,
         second: I2CBus | FaultyBus | None = None,
     ):
-        self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
-        self._folder = Path(self._own.name) if self._own else folder
+        self._own = contextlib.ExitStack()
+        self._folder = folder or self._own.enter_context(atomic.temporary())
         self.second = second
         self._config = SimpleNamespace(**device_of("virtual", 2 if second else 1).device)
         self._id, self._usb = board_id, usb
@@ -132,8 +132,7 @@ class CPythonBoard:
     def close(self) -> None:
         """Remove the temporary file system; a second call has no effect."""
         self._unload()
-        if self._own:
-            self._own.cleanup()
+        self._own.close()
 
     def _boot(self) -> None:
         self._unload()

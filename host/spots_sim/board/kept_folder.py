@@ -7,10 +7,10 @@ files are valid for one version of firmware and simulator. For another version, 
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+from spots.common import atomic
 from spots.errors import SettingError
 
 FOLDER = "SPOTS_CALIBRATIONS"
@@ -28,8 +28,8 @@ def kept_folder(name: str, make: Callable[[Path], object]) -> Path | None:
     if not Path(root).is_dir():
         raise SettingError(f"{FOLDER} names {root}, which is no folder: make it, or name another")
     if not path.exists():
-        with tempfile.TemporaryDirectory(dir=root) as temporary:
-            made = Path(temporary) / name
+        with atomic.folder(Path(root)) as temporary:
+            made = temporary / name
             made.mkdir()
             make(made)
             try:

@@ -12,10 +12,11 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
 import weakref
+from contextlib import ExitStack
 from pathlib import Path
 
+from spots.common import atomic
 from spots.deploy.build import mpy_cross_command
 from spots.deploy.constants import inline
 from spots.deploy.staging import BOARDS, ENTRIES, device_of, stage
@@ -94,8 +95,8 @@ class MicroPythonProcess:
         strips: int = 1,
     ):
         self._command = micropython_command()
-        self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
-        self.folder = Path(self._own.name) if self._own else folder
+        self._own = ExitStack()
+        self.folder = folder or self._own.enter_context(atomic.temporary())
         path = f":lib:{BOARDS / board}:{_COMMON}:.frozen"
         if shared := None if blank else _shared_firmware(board, strips):
             for entry in ENTRIES[device_of(board).runtime]:
@@ -195,8 +196,7 @@ class MicroPythonProcess:
         """Stop MicroPython; remove the board's file system if it is temporary."""
         self.shut_down()
         self._end()
-        if self._own:
-            self._own.cleanup()
+        self._own.close()
 
 
 def close_all(pipes: list[int]) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import tempfile
 import time
 import weakref
 from argparse import Namespace
@@ -22,6 +21,7 @@ from spots.calibrate.session.bench import Bench
 from spots.calibrate.session.guide import Guide
 from spots.calibrate.session.presser import Presser
 from spots.calibrate.session.session_file import settings
+from spots.common import atomic
 from spots.common.python import module_command
 from spots.deploy.drive import Drive
 from spots.deploy.place import Place
@@ -117,7 +117,7 @@ def linkage(options: Namespace) -> Endless:
 @contextmanager
 def flash_place(device: Device) -> Iterator[Place]:
     """Start a virtual board with an empty file system, for `spots.deploy.flash`."""
-    with tempfile.TemporaryDirectory() as folder, virtual_board(Path(folder), device) as there:
+    with atomic.temporary() as folder, virtual_board(folder, device) as there:
         yield there
 
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import io
-import tempfile
 from functools import partial
-from pathlib import Path
 
 from rich.console import Console
 
@@ -16,6 +14,7 @@ from spots.calibrate.session.bench import Bench
 from spots.calibrate.session.guide import Guide
 from spots.calibrate.session.presser import Presser
 from spots.calibrate.session.session_file import Session
+from spots.common import atomic
 
 from .person import Habits, Person, follow
 from .stage import Stage
@@ -57,8 +56,8 @@ def calibrate_by_hand(
     guide = Guide(Console(file=terminal, width=200), stdin=terminal)
     presser = Presser(guide)
     presser.patience_s = _PATIENCE_S
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "hand.toml"
+    with atomic.temporary() as folder:
+        path = folder / "hand.toml"
         bench = Bench(stage.reader, presser, guide, stage.length_um, path)
         options = argparse.Namespace(channels=None, keep_settings=True)
         try:

@@ -59,15 +59,20 @@ class _PracticePresser(Presser):
     def __init__(self, guide: Dialog, person: Person):
         super().__init__(_Shown(guide, person))  # type: ignore[arg-type]
         self._person = person
-        self.errors: list[tuple[float, float]] = []
+        self._errors: dict[tuple[float, float], tuple[float, float]] = {}
 
     def read_off(self, wanted: Wanted, length_um: float) -> Wanted | None:
         read = super().read_off(wanted, length_um)
         if read is not None:
             place_mm, force_mN = self._person.shown("what do ruler and scale show")
             off_mN = read.force_mN - force_mN if read.force_mN else np.nan
-            self.errors.append((read.place_um - 1000 * place_mm, off_mN))
+            self._errors[read.place_um, read.force_mN] = read.place_um - 1000 * place_mm, off_mN
         return read
+
+    def errors(self, session: Session) -> np.ndarray:
+        """Return the errors of reading of the presses in a session, without those undone."""
+        stored = {(one.place_um, one.force_mN) for one in session.points}
+        return np.array([error for read, error in self._errors.items() if read in stored])
 
 
 @contextmanager
@@ -108,7 +113,7 @@ def _score(
         rows.append((decode.position_um, decode.force_mN))
     at_um, force_mN = np.array(rows, float).T
     off_um = at_um - pressed.position_um
-    read_um, read_mN = np.array(presser.errors).T
+    read_um, read_mN = presser.errors(session).T
     is_relative = "relative" in made.lines
     return Score(
         _rms(off_um),

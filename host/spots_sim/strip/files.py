@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,7 +18,7 @@ from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
-from spots.common import toml
+from spots.common import atomic, toml
 
 from . import spectrum
 from .change import Change, ChangeInTime, Temperature
@@ -648,8 +647,8 @@ def changed(sensor: str, change: str | None) -> Iterator[str]:
         return
     file = load(SensorFile, sensor)
     file = msgspec.structs.replace(file, change=file.change + load_change(change))
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "sensor.toml"
+    with atomic.temporary() as folder:
+        path = folder / "sensor.toml"
         path.write_text(to_toml(file), encoding="utf-8")
         yield str(path)
 

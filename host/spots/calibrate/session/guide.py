@@ -135,7 +135,11 @@ class Guide:
         StateError if standard input is closed; UndoError if the answer is ``undo``.
         """
         if self._live is not None:
+            # Erased, because what is printed now would stand in the next picture.
+            self._live.transient = True
             self._live.stop()
+            for message in [*self._messages][-1:]:
+                self._console.print(message, markup=False, soft_wrap=True, style="dim")
         stdin = self._stdin or sys.stdin
         typed_ahead.drop(stdin)
         for line in self._instruments:
@@ -144,6 +148,7 @@ class Guide:
         self._console.print(printable(question), end="", markup=False)
         line = stdin.readline()
         if self._live is not None:
+            self._live = live(self._console)
             self._live.start()
         if not line:
             raise StateError("standard input is closed: run this command in a terminal")

@@ -7,12 +7,11 @@ simulated strip. All files are in a temporary directory.
 from __future__ import annotations
 
 import argparse
-import tempfile
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from pathlib import Path
 
+from ...common import atomic
 from ...errors import RequirementError
 from ...link.ports import SIMULATED, offered
 from .. import calibration_file as file
@@ -75,12 +74,12 @@ def practise(options: argparse.Namespace, kind: str, count: int, guide: Dialog) 
     begin: Callable[..., AbstractContextManager[Practice]] | None = offered(SIMULATED, "practice")
     if begin is None:
         raise RequirementError("the installed simulator has no practice: update spots-tactile")
-    with tempfile.TemporaryDirectory() as folder:
-        session = Session(Path(folder) / "practice.jsonl")
+    with atomic.temporary() as folder:
+        session = Session(folder / "practice.jsonl")
         out = session.path.with_suffix(".toml")
         with begin(options, out, guide) as practice:
             calibrate(practice.bench, session, kind, count or COUNTS[kind][0], None, options)
             score = practice.score(session, file.load(out))
     guide.say(str(score))
-    guide.say("this was practice with a simulated strip: no file and no board was changed")
+    guide.say("this was practice: strip and board were simulated, and their files are removed")
     return score
