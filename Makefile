@@ -25,7 +25,7 @@ endef
 help:
 	@echo 'make demo      the virtual board, in a browser or terminal               ARGS="--seconds 5 --json"'
 	@echo 'make test      run all tests                                             ARGS="-k log2"'
-	@echo 'make test-fast run the pure tests: no process, no browser; about a minute'
+	@echo 'make test-fast run the pure tests: no process, no browser; a minute if idle'
 	@echo 'make lint      check style, format, docstrings, links and types'
 	@echo 'make labs      test with LeRobot and Rerun, each in an environment of its own (9 GB)'
 	@echo 'make bench     compare driver, firmware and host with other projects'

@@ -18,10 +18,10 @@ from spots_sim.strip.files import SensorFile, load
 # strip (re-zero); whether the LED is warm at the start.
 STRIPS = (
     ("ideal strip", "default", False, False),
-    ("imperfect strip, not re-zeroed", "real", False, True),
-    ("imperfect strip, re-zeroed", "real", True, True),
-    ("imperfect strip, re-zeroed, LED cold", "real", True, False),
-    ("strip made at home, re-zeroed", "first", True, True),
+    ("aged strip, not re-zeroed", "real", False, True),
+    ("aged strip, re-zeroed", "real", True, True),
+    ("aged strip, re-zeroed, LED cold", "real", True, False),
+    ("home-made strip, re-zeroed", "first", True, True),
 )
 WORDS_PER_MIN = (60, 100)
 TOUCHES = 200
@@ -64,10 +64,10 @@ the game controller on simulated strips. **Nobody has measured a person on a rea
 | strip | sensor file | what it is |
 |---|---|---|
 | ideal | `default` | has not changed since its calibration |
-| imperfect | `real` | has aged and warmed up since its calibration, and is under a lamp |
-| made at home | `first` | has [assumed effects](../science/sensor-files.md) of home-made strips |
+| aged | `real` | has aged and warmed up since its calibration, and is under a lamp |
+| home-made | `first` | has [assumed effects](../science/sensor-files.md) of home-made strips |
 
-The imperfect strip has a [drift](../calibrate/drift.md): wrong positions. It was re-zeroed with one
+The aged strip has a [drift](../calibrate/drift.md): wrong positions. It was re-zeroed with one
 press of each mark (a known position), after the LED had warmed up. The column "LED cold" is
 measured after power-on, while the LED warms up.
 
@@ -93,7 +93,7 @@ The largest jump is the largest step of X between two states, minus the
 finger's movement. Both are in per cent of the range from rest to an end. A return to rest up to 0.1
 s before the finger lifts is no jump.
 
-These commands measure the column "imperfect strip, re-zeroed":
+These commands measure the column "aged strip, re-zeroed":
 
 <!-- not run: they take some minutes -->
 ```sh

@@ -32,13 +32,13 @@ from spots_sim.strip.files import (
 # strips that the sensor file describes.
 STRIPS = {
     "ideal strips": ("default", {}),
-    "imperfect strips, not re-zeroed": ("real", {"misfits": True}),
-    "imperfect strips, re-zeroed": ("real", {"rezeroed": True}),
-    "strips made at home": ("first", {}),
+    "aged strips, not re-zeroed": ("real", {"misfits": True}),
+    "aged strips, re-zeroed": ("real", {"rezeroed": True}),
+    "home-made strips": ("first", {}),
 }
 SEEDS = range(5)
 # Seeds of the surveys with both strips on one board, which cover only the workspace.
-ONE_BOARD = {"ideal strips": range(11), "imperfect strips, re-zeroed": range(11)}
+ONE_BOARD = {"ideal strips": range(11), "aged strips, re-zeroed": range(11)}
 EXPOSURES_US = (10_000, 30_000, 50_000)
 _SURVEY_US, _FOLLOW_US = 100_000, 30_000
 
@@ -172,7 +172,7 @@ number includes all errors of a real mechanism, such as bearings and bending bar
 mechanism has only backlash and wrong lengths.
 
 The strips are those of [typing and controller](applications.md), with warm LEDs. A re-zero
-(`spots rezero --joint`) corrects the calibration of an imperfect strip at three angles of the
+(`spots rezero --joint`) corrects the calibration of an aged strip at three angles of the
 joint. Without it, many readings do not fit the calibration: encoders normally ignore these, but
 used them for this table. A kinematic calibration also corrects the strips' errors, until the strips
 change further.

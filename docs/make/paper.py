@@ -24,13 +24,13 @@ Trajectory Tracking of Parallel Mechanisms*; the table names the sections.
 
 | strip | sensor file | what it is |
 | --- | --- | --- |
-| ours | `default` | {length_mm:g} mm long, **simulated** with seed {seed} |
-| imperfect strip | `real` | **simulated**; has aged and warmed up, and is under a lamp |
-| strip made at home | `first` | [assumed effects](../science/sensor-files.md) |
+| ideal strip | `default` | {length_mm:g} mm long, **simulated** with seed {seed} |
+| aged strip | `real` | **simulated**; has aged and warmed up, and is under a lamp |
+| home-made strip | `first` | [assumed effects](../science/sensor-files.md) |
 
-The imperfect strip was re-zeroed: its calibration was corrected with one press at each of three
+The aged strip was re-zeroed: its calibration was corrected with one press at each of three
 marks, on a kitchen scale. The board compensates the creep and the hysteresis of its
-[silicone](../science/silicone.md). An indenter calibrated the strip made at home; then a finger
+[silicone](../science/silicone.md). An indenter calibrated the home-made strip; then a finger
 re-zeroed it and pressed it. In the tests of the force, the force rises from 0.6 to 9.5 N and falls
 again.
 
@@ -38,7 +38,7 @@ The column titles contain the duration of a reading, which the paper does not st
 
 """
 # Name of the columns of each sensor file.
-_STRIPS = {"default": "ours", "real": "imperfect strip", "first": "strip made at home"}
+_STRIPS = {"default": "ideal strip", "real": "aged strip", "first": "home-made strip"}
 _PICTURES = {
     "position": "Response along the strip, and its deviation from a straight line.",
     "resolution": "Resolution, accuracy and scatter, and the Cramer-Rao bound of the scatter.",
@@ -123,7 +123,7 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.A",
             "> 20 dB",
             each("{:.0f} dB", lambda s: s["snr_db"]),
-            "The paper defines no ratio; ours is light divided by scatter under a constant press.",
+            "The paper defines no ratio; here, light divided by scatter under a constant press.",
         ),
         (
             f"Strips of {shortest:g} to {longest:g} mm share one response",
@@ -138,7 +138,7 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.B",
             "5 mN",
             each("{:.1f} mN", lambda s: s["force"]["resolution_mN"]),
-            "Contact area and a flat finger are assumed. The imperfect strip still creeps: "
+            "Contact area and a flat finger are assumed. The aged strip still creeps: "
             "readings begin immediately after each step of the force.",
         ),
         (
@@ -147,14 +147,14 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "",
             each("{:.1f} mN", lambda s: s["force"]["bound_mN"]),
             "While nothing moves, part of the rounding is a constant error, so the resolution can "
-            "be below the bound. The imperfect strip has softened.",
+            "be below the bound. The aged strip has softened.",
         ),
         (
             "Force accuracy",
             "III.B",
             "0.14 N",
             each("{:.3f} N", lambda s: s["force"]["accuracy_N"]),
-            "Only the imperfect strip has hysteresis and creep; their laws and sizes are assumed.",
+            "Only the aged strip has hysteresis and creep; their laws and sizes are assumed.",
         ),
         (
             "Accuracy without strain, then under strain up to 25 %",

@@ -32,7 +32,10 @@ def design(parser: Parser):
     )
     parser.flag("--json", "print one JSON object")
     parser.option(
-        "--out", "DIR", "write sensor file, figure, moulds, drawings and recipe into this folder"
+        "--out",
+        "DIR",
+        "write sensor file, figure, moulds, drawings, recipe and parts into this folder; "
+        "not one that has a design",
     )
     parser.option(
         "--strips",

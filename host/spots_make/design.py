@@ -21,7 +21,7 @@ import numpy as np
 
 from spots.calibrate.fit.presses import FULL_MN
 from spots.common import atomic
-from spots.errors import SettingError, printable
+from spots.errors import FileError, SettingError, printable
 from spots_device.board.settings import DEFAULT_CHANNELS
 from spots_device.reading.decode import AVERAGE_MAX
 from spots_device.sensor.exposure import (
@@ -47,6 +47,7 @@ from . import recipe as recipes
 from . import shape as dims
 from .shape import StripShape
 
+_SENSOR_FILE = "sensor.toml"
 LED_MAX_MA = 100  # of the virtual board, the same as in boards/virtual/board.toml
 # Above this exposure, full scale does not grow: more samples are averaged instead.
 _LONGEST_US = 182_000
@@ -239,6 +240,8 @@ def design_command(options: argparse.Namespace) -> None:
     if out is not None:
         figures.require()
         figures.check_folder(out)
+        if Path(out, _SENSOR_FILE).is_file():
+            raise FileError(f"{out} has a design: name another folder, or remove it", Path(out))
         if dims.has_moulds(options.length_mm):
             mould.require()
             shape = StripShape(options.length_mm, options.breakout)
@@ -247,7 +250,7 @@ def design_command(options: argparse.Namespace) -> None:
     if out is None:
         return
     folder = figures.folder(out)
-    sensor_file = folder / "sensor.toml"
+    sensor_file = folder / _SENSOR_FILE
     atomic.write_text(sensor_toml(found), sensor_file, _SENSOR)
     made = [sensor_file, _plot(found, options.resolution_um, folder / "resolution.png")]
     if shape is not None:

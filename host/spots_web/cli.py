@@ -5,6 +5,8 @@ from spots.cli.parser import Parser, calls
 
 from .panels import installed
 
+HTTP_PORT = 8765
+
 PURPOSE = "look at a board"
 
 
@@ -35,7 +37,7 @@ def serve(parser: Parser):
         "N",
         "TCP port of the server; 8765 if not given, 0 for any free port",
         type=arguments.http_port,
-        default=8765,
+        default=HTTP_PORT,
     )
     parser.option("--edit", "FILE.toml", "let browsers with the token change this key layout")
     parser.option(

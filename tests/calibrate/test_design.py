@@ -33,6 +33,10 @@ def test_the_designed_strip_resolves_what_was_predicted(capsys, tmp_path):
         ]
     assert np.mean(sigma_um) == pytest.approx(found["resolution_um"], rel=0.15)
     assert (tmp_path / "resolution.png").read_bytes()[:4] == b"\x89PNG"
+    code, output = command(capsys, 70, 40, 100, "--out", tmp_path)
+    assert (code, output.err.count("\n")) == (2, 1)
+    assert "has a design: name another folder, or remove it" in output.err
+    assert load(SensorFile, tmp_path / "sensor.toml") == sensor
 
 
 @pytest.mark.board

@@ -1,4 +1,4 @@
-"""The sensor file `real`, an imperfect strip, from a cold LED on; see `demo.from_cold`."""
+"""The sensor file `real`, an aged strip, from a cold LED on; see `demo.from_cold`."""
 
 import numpy as np
 import pytest

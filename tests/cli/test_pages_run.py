@@ -19,6 +19,7 @@ from textwrap import dedent
 
 import pytest
 from make import build_site
+from support.documents import PRINTED, check_printed
 from support.readme import LINES, walk
 
 pytestmark = pytest.mark.board
@@ -31,9 +32,12 @@ LSL = "[multicast]\nResolveScope = machine\n[log]\nlevel = -2\n"
 TIMEOUT_S = 120
 # A comment before a block explains why it does not run here.
 BLOCK = re.compile(
-    r"^(?: *<!-- not run: (?P<why>[^\n]+) -->\n)? *```(?P<kind>sh|python)\n(?P<text>.*?)^ *```",
+    r"^(?: *<!-- not run: (?P<why>[^\n]+) -->\n)? *```(?P<kind>sh|python)\n(?P<text>.*?)^ *```"
+    + PRINTED,
     re.MULTILINE | re.DOTALL,
 )
+# The layout that a page tells to save.
+SAVED = re.compile(r"Save this as `mine\.toml`.*?^```toml\n(.*?)^```", re.MULTILINE | re.DOTALL)
 # Commands that do not end by themselves: they are interrupted after their first line of output.
 ENDLESS = re.compile(r"spots (serve|monitor|publish|subscribe|twin|demo --page)\b")
 # Of a page's own test.
@@ -42,22 +46,24 @@ PAGES = [page for page, kind in build_site.pages().items() if kind != "evidence"
 
 
 def blocks(kind):
-    """Yield (page, text) of each block of a kind that runs here."""
+    """Yield (page, text, shown output) of each block of a kind that runs here."""
     for page in PAGES:
         if page not in ELSEWHERE:
             for block in BLOCK.finditer(build_site.source(page).read_text(encoding="utf-8")):
                 if block["kind"] == kind and not block["why"]:
-                    yield page, dedent(block["text"])
+                    yield page, dedent(block["text"]), block["printed"]
 
 
 def commands():
-    """Return each command of `spots` in the pages one time, with a page that has it."""
+    """Return each command of `spots` one time, with a page that has it, and the shown output."""
     found = {}
-    for page, text in blocks("sh"):
+    for page, text, printed in blocks("sh"):
         for line in text.splitlines():
             command = re.sub(r"\s+#.*$", "", line).strip()
-            if command.startswith("spots ") and command not in {*LINES, *walk()}:
-                found.setdefault(command, page)
+            if command in {*LINES, *walk()} or not command.startswith("spots "):
+                continue
+            if printed or command not in found:
+                found[command] = page, printed
     return found
 
 
@@ -77,12 +83,17 @@ def virtual(command):
     return words if not on_board or "--port" in words else [*words, "--port", "virtual"]
 
 
-@pytest.mark.parametrize("command", commands())
+COMMANDS = commands()
+
+
+@pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_of_a_page_runs(command, tmp_path):
     for name in ("run.spots", "first.spots"):
         if f"record {name}" not in command:
             shutil.copy(RUN, tmp_path / name)
-    shutil.copy(MINI, tmp_path / "mine.toml")
+    page, shown = COMMANDS[command]
+    saved = SAVED.search(build_site.source(page).read_text(encoding="utf-8"))
+    (tmp_path / "mine.toml").write_text(saved[1] if saved else MINI.read_text("utf-8"), "utf-8")
     shutil.copy(DATA / "linkage.toml", tmp_path / "arm.toml")
     (tmp_path / "zenoh.json5").write_text(ZENOH)
     (tmp_path / "lsl.cfg").write_text(LSL)
@@ -106,6 +117,7 @@ def test_a_command_of_a_page_runs(command, tmp_path):
     output = "".join(lines)
     assert process.wait() in ((0, 130, -signal.SIGINT) if ENDLESS.match(command) else (0,)), output
     assert "Traceback" not in output
+    check_printed(shown, output)
 
 
 # A program of a page opens the board on USB, here a virtual one.
@@ -115,13 +127,13 @@ real_open = spots.open
 spots.open = lambda port=None: real_open(port or "virtual")
 """
 BETWEEN = "-- the next program --"
-PROGRAMS = dict.fromkeys(page for page, _ in blocks("python") if not page.startswith("program/"))
+PROGRAMS = dict.fromkeys(page for page, *_ in blocks("python") if not page.startswith("program/"))
 
 
 @pytest.mark.parametrize("page", PROGRAMS)
 def test_the_programs_of_a_page_run_one_after_the_other(page, tmp_path):
     shutil.copy(RUN, tmp_path)
-    programs = [text for one, text in blocks("python") if one == page]
+    programs, shown = zip(*(found for one, *found in blocks("python") if one == page))
     whole = f'\nprint("{BETWEEN}")\n'.join([ON_VIRTUAL, *programs])
     (tmp_path / "program.py").write_text(whole, encoding="utf-8")
     run = subprocess.run(
@@ -134,6 +146,8 @@ def test_the_programs_of_a_page_run_one_after_the_other(page, tmp_path):
     assert run.returncode == 0, run.stderr
     _, *printed = run.stdout.split(f"{BETWEEN}\n")
     assert [text for text, out in zip(programs, printed) if prints(text) and not out] == []
+    for one, out in zip(shown, printed):
+        check_printed(one, out)
 
 
 def test_a_block_is_left_out_only_with_a_reason():

@@ -13,6 +13,7 @@ import matplotlib
 import pandas as pd
 import pytest
 from make import build_site
+from support.documents import PRINTED, check_printed
 
 import spots
 from spots import errors
@@ -32,7 +33,7 @@ PAGES = {
 }
 # A comment before a block explains why it does not run here.
 BLOCK = re.compile(
-    r"^( *)(<!-- not run[^\n]*\n *)?```python\n(.*?)^ *```", re.MULTILINE | re.DOTALL
+    r"^( *)(<!-- not run[^\n]*\n *)?```python\n(.*?)^ *```" + PRINTED, re.MULTILINE | re.DOTALL
 )
 FILES = Path(__file__).parents[1] / "data"  # run.spots and joint.toml of the examples
 matplotlib.use("Agg")
@@ -56,9 +57,9 @@ def simulated(sensor, calibration, monkeypatch):
 
 
 def blocks(page):
-    """Return the programs of a page."""
+    """Return the programs of a page, each with what the page shows as its output."""
     found = BLOCK.findall(PAGES[page])
-    return [textwrap.dedent(text) for _, left_out, text in found if not left_out]
+    return [(textwrap.dedent(text), shown) for _, left_out, text, shown in found if not left_out]
 
 
 @pytest.fixture
@@ -69,10 +70,12 @@ def run(simulated, tmp_path, monkeypatch, capsys):
         programs = blocks(page)
         shutil.copy(FILES / "run.spots", tmp_path)
         monkeypatch.chdir(tmp_path)
-        names = {}
-        for program in programs:
+        names, whole = {}, ""
+        for program, shown in programs:
             exec(compile(program, page, "exec"), names)
-        return names, capsys.readouterr().out
+            whole += (out := capsys.readouterr().out)
+            check_printed(shown, out)
+        return names, whole
 
     return run_page
 

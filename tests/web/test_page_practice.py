@@ -54,7 +54,7 @@ def test_a_person_practises_in_the_page(practice, open_page, tmp_path, monkeypat
     score = re.search(r"score: position (\S+) mm rms, .*differ by (\S+) mm rms", seen["said"])
     assert float(score[1]) < 0.3
     assert float(score[2]) < 0.1
-    assert "no file and no board was changed" in seen["said"]
+    assert "strip and board were simulated, and their files are removed" in seen["said"]
     assert list(tmp_path.iterdir()) == []
     expect(panel.locator(".reading")).to_be_hidden()
 

@@ -58,8 +58,10 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
             if advising:
                 (advice.take if display else advice.warn)(frame, now_s)
                 view.advice = advice.sentence
-            if isinstance(frame, Touch) and judge is not None:
-                judge.take(frame, now_s)
+            if isinstance(frame, Touch):
+                started_s = min(started_s, frame.time_s)  # a reading is older than its frame
+                if judge is not None:
+                    judge.take(frame, now_s)
             if display and pace.due(now_s):
                 display.update(picture(), refresh=True)
             elif display or quiet or not isinstance(frame, Touch):

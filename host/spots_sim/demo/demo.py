@@ -7,7 +7,7 @@ from argparse import Namespace
 from collections.abc import Callable
 from functools import partial
 
-from spots.errors import SettingError
+from spots.errors import RequirementError, SettingError
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.connect import prepare
@@ -15,6 +15,7 @@ from spots.link.finder import finder
 from spots.terminal.monitor import watch
 from spots_linkage.panel import driven_sources
 from spots_web.board_feed import BoardReader
+from spots_web.cli import HTTP_PORT
 from spots_web.panel_feed import readers_of, shower
 from spots_web.state import PageState
 
@@ -202,4 +203,7 @@ def show_page(
         readers = [BoardReader(finder(VIRTUAL, options), keys, state)]
         state.put("application", use)
     print(headline(), flush=True)
-    serve(state, LOOPBACK, 0, readers, browser.show)
+    try:  # a bookmark, and a page that is still open, find the next demo
+        serve(state, LOOPBACK, HTTP_PORT, readers, browser.show)
+    except RequirementError:  # in use
+        serve(state, LOOPBACK, 0, readers, browser.show)
