@@ -16,10 +16,12 @@ from spots.errors import NoReplyError, PortError, PortLostError
 from spots.link import readers
 from spots.link import reconnect as module
 from spots.link.board import Board
+from spots.link.frames import Touch
 from spots.link.serial_link import SerialLink
 from spots.link.timeouts import CONNECTED, LOST, SEARCH_S, STALLED
 from spots.recording import replay
 from spots.recording.info import summary
+from spots.recording.recording import Recording
 from spots.recording.replay import open_recording
 from spots_device.reading.decode import DROPPED
 
@@ -45,6 +47,50 @@ def test_a_restart_is_one_restart_and_no_loss_wherever_the_sequence_was():
         assert board.stats.lost == 0
         assert all(0 <= link.now_s() - touch.time_s < 1.5 for touch in readings)
         assert link.now_s() - readings[-1].time_s < 0.05
+
+
+def test_a_computer_that_slept_counts_what_it_missed_and_no_restart(tmp_path, monkeypatch):
+    # The board's port stays open, and its clock runs on; the link's clock stands still.
+    utc_s = [1.0e9]  # of a computer without a battery clock
+    monkeypatch.setattr("time.time", lambda: utc_s[0] + link.now_s())
+    link, board = streaming(60_000)
+    path = tmp_path / "run.spots"
+    with board.record(path):
+        reading(board, 50)
+        began_s = link.now_s()
+        for slept_s in (20, 600, 3600):
+            before = board.stats.lost
+            link.booted_s -= slept_s
+            link.lose(100 * slept_s)
+            utc_s[0] += slept_s
+            some = zip(board.frames(), range(100))
+            ages_s = [link.now_s() - touch.time_s for touch, _ in some]
+            assert all(-0.02 < age_s < 0.02 for age_s in ages_s), slept_s
+            assert board.stats.lost - before == pytest.approx(100 * slept_s, rel=0.01)
+            assert board.time_error_s < 0.1
+        utc_s[0] += 7e8  # the network has set it
+        reading(board, 600)
+        utc = 1.7e9 + 4220 + began_s
+    assert board.stats.restarts == 0
+    assert summary(path)["lost"] == board.stats.lost
+    recording = Recording(path)
+    times_s = [touch.time_s for _, touch in recording if isinstance(touch, Touch)]
+    assert times_s == pytest.approx(sorted(times_s), abs=0.02)
+    assert recording.utc.begun_s(began_s + 60) + began_s - recording.header.host_s == pytest.approx(
+        utc, abs=0.1
+    )
+    assert recording.utc.begun_s(began_s) == pytest.approx(1.7e9 + recording.header.host_s, abs=0.1)
+
+
+def test_an_idle_board_has_not_restarted_while_the_computer_slept():
+    link = StandIn(60_000)
+    board = Board(link)
+    link.booted_s -= 3000
+    board.command("get")
+    assert (board.stats.restarts, board.stats.lost) == (0, 0)
+    link.restart()
+    board.command("get")
+    assert board.stats.restarts == 1
 
 
 def test_keys_do_not_hide_that_the_streams_have_ended():

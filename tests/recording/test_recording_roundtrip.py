@@ -126,7 +126,7 @@ def test_a_slow_reader_loses_nothing_of_a_recording(monkeypatch, tmp_path):
     time = Time()
     monkeypatch.setattr(replay, "time", time)
     monkeypatch.setattr("spots.link.readers.FRAMES_MAX", 1000)
-    frames, _ = record(tmp_path / "a.spots", stream(3000), step_s=1e-4)
+    frames, _ = record(tmp_path / "a.spots", stream(3000), step_s=1e-3)
     got = []
     with spots.open_recording(tmp_path / "a.spots") as board:
         for frame in board.frames():
@@ -163,13 +163,13 @@ noise = st.binary(min_size=1, max_size=1200)
 
 
 @given(
-    st.lists(noise | st.integers(0, 70_000).map(touch), max_size=12),
+    st.lists(noise | st.integers(0, 50_000).map(touch), max_size=12),
     st.lists(st.integers(1, 700), max_size=12),
 )
 def test_whatever_comes_in_whatever_pieces_decodes_the_same(tmp_path_factory, parts, sizes):
     path = tmp_path_factory.mktemp("pieces") / "a.spots"
     data = b"".join(parts) + b"\0" + touch(5)
-    frames, stats = record(path, cut(data, sizes))
+    frames, stats = record(path, cut(data, sizes), step_s=100.0)  # no frame before its time
     got, recording = replayed(path)
     assert got == frames
     assert recording.stats.lost == stats.lost
@@ -184,7 +184,7 @@ def at(seconds, sequence=0):
 
 
 def test_the_time_of_the_board_wraps_in_a_recording_as_on_the_link(tmp_path):
-    frames, _ = record(tmp_path / "a.spots", [at(1000 * i) for i in range(20)])
+    frames, _ = record(tmp_path / "a.spots", [at(1000 * i) for i in range(20)], step_s=1000.0)
     got, _ = replayed(tmp_path / "a.spots")
     assert got == frames
     assert frames[-1].time_s - frames[0].time_s == pytest.approx(19_000)

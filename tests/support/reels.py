@@ -95,7 +95,7 @@ def recorder(path, pieces, step_s=0.01, known=None, **options):
     known = known or clock()
 
     def describe():
-        return {"info": INFO, "clock": known.state(), "calibration": ["a line"]}
+        return {"info": INFO, "clock": known.state(), "restarts": 0, "calibration": ["a line"]}
 
     return Recorded(ScriptedLink(pieces, step_s), path, describe, utc_s=lambda: 1.7e9, **options)
 

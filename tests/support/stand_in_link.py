@@ -105,4 +105,4 @@ class StandIn:
         return encoded(struct.pack("<BHI", kind, sequence, self._t_us()) + body)
 
     def _t_us(self):
-        return int(1e6 * (self.time_s - self.booted_s))
+        return int(1e6 * (self.time_s - self.booted_s)) % (1 << 32)

@@ -98,17 +98,30 @@ class Channel:
         self.replies.clear()
         self._tail = b""
         self.link.write(line.encode() + b"\n")
-        sent_s = self.now_s()
+        sent_s, expected = self.now_s(), self.decoder.expected
         end_s = sent_s + timeout_s
         while self.now_s() < end_s:
             self.pump(min(POLL_S, timeout_s))
             while self.replies:
                 reply = self.replies.popleft()
                 if reply.content.get("re") == name:
-                    if self.clocks.clock.shows_restart(sent_s, reply.t_us, self.now_s()):
-                        self.restarted(sent_s, reply.t_us)
+                    self._compare(sent_s, reply, reply.sequence == expected)
                     return reply
         return None
+
+    def _compare(self, sent_s: float, reply: Text, continued: bool) -> None:
+        """Record that the board has restarted, or the host has slept, if a reply's time shows it.
+
+        `continued` is whether the reply follows the last frame before the command. An idle board
+        that has restarted counts its frames from 0; one that streams is asked for its streams.
+        """
+        ahead_s = self.clocks.clock.ahead_s(sent_s, reply.t_us, self.now_s())
+        if not ahead_s:
+            return
+        if continued or (ahead_s > 0.0 and self.wanted):
+            self.clocks.restart(sent_s, reply.t_us, self.now_s(), max(0.0, ahead_s))
+        else:
+            self.restarted(sent_s, reply.t_us)
 
     def _replied(self, name: str, content: dict[str, Any] | None) -> Text | None:
         if content is None:
@@ -137,8 +150,10 @@ class Channel:
             if not (isinstance(frame, Key) or self.stopped):
                 self.loss.heard(arrived_s)
             if not isinstance(frame, Note):
-                self._take(self.clocks.clock.timed(frame, arrived_s))
-        self.clocks.learn()
+                # While the port is unplugged, a frame may be of another board.
+                known = self.loss.unplugged or isinstance(frame, Text)
+                self._take(frame if known else self.clocks.clock.timed(frame, arrived_s))
+        self.clocks.learn(self.now_s())
         if frames:
             self.turn.wake()
 
@@ -172,6 +187,8 @@ class Channel:
         else:
             if frame.content.get("re") == "sync":
                 self.clocks.answered(frame.t_us, self.now_s())
+                if self.wanted and frame.content.get("stream") == []:  # it has restarted
+                    self.loss.ask_s = self.now_s()
             self.replies.append(frame)
 
     def _take_reading(self, frame: Reading) -> None:

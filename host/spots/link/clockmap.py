@@ -11,11 +11,13 @@ from .frames import Reading, Text
 _WRAP = 1 << 32  # us after which the board's time starts at 0 again
 _TURN_S = _WRAP * 1e-6  # the same in seconds: 71.6 minutes
 _SURE_S = 60.0  # allowed error when wraps are counted: far more than the error of the clocks
+_BACK_US = 60_000_000  # a frame may be older than the frame before it, by less than this
 _TRIPS = 64  # number of stored round trips
 _DRIFT_US = 30_000_000  # round trips over a shorter time show no drift
 _DRIFT_MOST = 300e-6  # no pair of crystals drifts more (seconds per second)
 _HALVINGS = 60  # steps of the search for the drift
 _OFF_S = 1.0  # a larger error of the board's time shows that the board restarted
+_AHEAD_S = 0.1  # a frame that is measured so long after its arrival shows that the host slept
 
 
 @dataclass(eq=False)
@@ -27,6 +29,12 @@ class ClockMap:
     from both sides. All bounds together are usually tighter than those of the shortest round trip.
     Because clocks drift, the offset is modelled as a linear function of time. Its slope is chosen
     so that the gap between the lower and the upper bounds of the latest 64 round trips is largest.
+    Of round trips that contradict each other, the older ones are dropped.
+
+    The host's clock stands still while the computer sleeps or its virtual machine is paused; the
+    board's clock runs on. A frame that seems to arrive before its measurement shows this: until the
+    next round trip, such frames have the time of their arrival. `slept_s` is the sum of such times,
+    and `jumps` counts how often the map had to begin again.
 
     `low_s` and `high_s` bound host time minus board time at `at_us`, the latest round trip; they
     are infinite before the first one. `slope` is the drift in seconds per second of board time.
@@ -38,9 +46,12 @@ class ClockMap:
     high_s: float = float("inf")
     at_us: int = 0
     slope: float = 0.0
+    slept_s: float = 0.0
 
     def __post_init__(self):
         self._trips: deque[tuple[int, float, float]] = deque(maxlen=_TRIPS)
+        self._by_arrival = False  # whether a frame's arrival, and no round trip, made the bounds
+        self.jumps = 0
 
     @property
     def uncertainty_s(self) -> float:
@@ -50,9 +61,9 @@ class ClockMap:
     def unwrap(self, t_us: int) -> int:
         """Return the board time `t_us` (modulo 2**32) as a count in us that never wraps.
 
-        Call this at least every 35 minutes (half a wrap), or a wrap is missed.
+        Call this at least every 70 minutes (a wrap less `_BACK_US`), or a wrap is missed.
         """
-        step = (t_us - self.last_us + _WRAP // 2) % _WRAP - _WRAP // 2
+        step = (t_us - self.last_us + _BACK_US) % _WRAP - _BACK_US
         self.last_us += step
         return self.last_us
 
@@ -71,48 +82,70 @@ class ClockMap:
         board_us = self._unwrap(t_us, received_s)
         board_s = board_us * 1e-6
         self._trips.append((board_us, sent_s - board_s, received_s - board_s))
+        before_s = self._offset_s(board_us)
         self.at_us = board_us
         self.slope = self._best_slope()
         self.low_s, self.high_s = self._bounds(self.slope)
+        trips = len(self._trips)
+        while self.low_s > self.high_s and len(self._trips) > 1:
+            for _ in range(len(self._trips) // 2):
+                self._trips.popleft()
+            self.slope = self._best_slope()
+            self.low_s, self.high_s = self._bounds(self.slope)
+        jump_s = before_s - self._offset_s(board_us)
+        if trips > len(self._trips) == 1 and abs(jump_s) > _AHEAD_S and not self._by_arrival:
+            self.jumps += 1
+            self.slept_s += max(0.0, jump_s)
+        self._by_arrival = False
 
     def host_s(self, t_us: int, arrived_s: float) -> float | None:
         """Return the host time of a board time; None before the first round trip.
 
-        The host time of its arrival shows how often the board's time has wrapped.
+        The host time of its arrival shows how often the board's time has wrapped, and whether the
+        host has slept.
         """
         board_us = self._unwrap(t_us, arrived_s)
         if self.high_s == float("inf"):
             return None
-        return board_us * 1e-6 + self._offset_s(board_us)
+        found_s = board_us * 1e-6 + self._offset_s(board_us)
+        early_s = found_s - arrived_s
+        if early_s > 0.0 and early_s > self._early_most_s(board_us):
+            self._follow_arrival(board_us, early_s, arrived_s)
+            return arrived_s
+        return found_s
 
     def host_s_each(self, t_us: np.ndarray, arrived_s: np.ndarray) -> np.ndarray:
         """Return the host times of many board times: exactly the floats that `host_s` returns.
 
         All arrays have shape (n,), of int64 and float64; NaN before the first round trip.
         """
-        half = _WRAP // 2
-        steps = (np.diff(t_us, prepend=self.last_us) + half) % _WRAP - half
+        steps = (np.diff(t_us, prepend=self.last_us) + _BACK_US) % _WRAP - _BACK_US
         board_us = self.last_us + np.cumsum(steps)
         host_s = board_us * 1e-6 + self._offset_s(board_us)
-        if not np.all(arrived_s - host_s + _SURE_S < _TURN_S):  # a wrap may be missing
+        age_s = arrived_s - host_s
+        # Otherwise a wrap may be missing, or the host may have slept.
+        least_s = 0.0 if self._by_arrival else -_AHEAD_S
+        if not np.all((age_s >= least_s) & (age_s + _SURE_S < _TURN_S)):
             each = [self.host_s(*one) for one in zip(t_us.tolist(), arrived_s.tolist())]
             return np.array(each, float)
         self.last_us += int(steps.sum())
         return host_s
 
-    def shows_restart(self, sent_s: float, t_us: int, received_s: float) -> bool:
-        """Return whether a round trip shows that the board has restarted; False before the first.
+    def ahead_s(self, sent_s: float, t_us: int, received_s: float) -> float:
+        """Return by how much a round trip shows the board's time ahead of this map; 0 if it fits.
 
-        A restarted board counts its time from 0, so the reply does not fit this map.
+        After a restart, a board counts its time from 0; while the host sleeps, the board's time
+        runs on. The result is modulo the wrap of the board's time: -35.8 to 35.8 minutes.
         """
         if self.high_s == float("inf"):
-            return False
+            return 0.0
         board_s = t_us * 1e-6
         offset_s = self._offset_s(self.last_us)
         middle_s = (sent_s + received_s) / 2
         off_s = (middle_s - offset_s - board_s + _TURN_S / 2) % _TURN_S - _TURN_S / 2
         since_s = max(0.0, received_s - offset_s - self.at_us * 1e-6)
-        return abs(off_s) > _OFF_S + (received_s - sent_s) / 2 + _DRIFT_MOST * since_s
+        most_s = _OFF_S + (received_s - sent_s) / 2 + _DRIFT_MOST * since_s
+        return -off_s if abs(off_s) > most_s else 0.0
 
     def _unwrap(self, t_us: int, arrived_s: float) -> int:
         """Return the unwrapped board time; `arrived_s` shows wraps during a gap between frames."""
@@ -122,6 +155,22 @@ class ClockMap:
             # Data from a buffer may be old, but less than one wrap (71 minutes).
             self.last_us += max(0, int((age_s + _SURE_S) // _TURN_S)) * _WRAP
         return self.last_us
+
+    def _early_most_s(self, board_us: int) -> float:
+        """Return by how much a measurement may seem to be later than its arrival."""
+        if self._by_arrival:
+            return 0.0
+        since_s = abs(board_us - self.at_us) * 1e-6
+        return _AHEAD_S + self.uncertainty_s + _DRIFT_MOST * since_s
+
+    def _follow_arrival(self, board_us: int, early_s: float, arrived_s: float) -> None:
+        """Replace the bounds by the arrival of a frame that came `early_s` before its time."""
+        self.slept_s += early_s
+        self.jumps += not self._by_arrival
+        self._by_arrival = True
+        self._trips.clear()
+        offset_s = arrived_s - board_us * 1e-6
+        self.at_us, self.low_s, self.high_s = board_us, offset_s - _OFF_S, offset_s + _OFF_S
 
     def _offset_s(self, board_us: Any) -> Any:
         middle_s = (self.low_s + self.high_s) / 2

@@ -30,19 +30,22 @@ class ClockSync:
         self._waits: Iterator[float] = iter(())
         self._sent_s: float | None = None  # host time of the first unanswered query
         self._answer: tuple[float, int, float] | None = None
+        self._jumps = 0  # those of the map for which queries are scheduled
 
     def keep(self, now_s: float) -> None:
         """Schedule regular queries of the board's time; `now_s` is the host time, in seconds."""
         self._waits = _waits(0)
         self.due_s = now_s + next(self._waits)
 
-    def restart(self, sent_s: float, t_us: int, received_s: float) -> None:
-        """Start a new map from a single round trip, and schedule more queries soon."""
-        self.clock = ClockMap()
+    def restart(self, sent_s: float, t_us: int, received_s: float, slept_s: float = 0.0) -> None:
+        """Start a new map from a single round trip, and schedule more queries soon.
+
+        `slept_s` is for how long the host's clock stood still, in seconds.
+        """
+        self.clock = ClockMap(slept_s=self.clock.slept_s + slept_s)
         self.clock.round_trip(sent_s, t_us, received_s)
         self._sent_s = self._answer = None
-        self._waits = _waits(TRIPS)
-        self.due_s = received_s
+        self._ask_soon(received_s)
 
     def ask(self, now_s: float) -> bytes:
         """Return the command that asks for the board's time; empty if no query is due."""
@@ -58,14 +61,20 @@ class ClockSync:
         if self._sent_s is not None:
             self._answer, self._sent_s = (self._sent_s, t_us, now_s), None
 
-    def learn(self) -> None:
-        """Update the map with the last reply.
+    def learn(self, now_s: float) -> None:
+        """Update the map with the last reply; schedule more queries soon if the map has jumped.
 
         Call this between two reads of the link, so that all frames of a read use the same map.
         """
         if self._answer is not None:
             self.clock.round_trip(*self._answer)
             self._answer = None
+        if self.clock.jumps > self._jumps and self.due_s < _NEVER:
+            self._ask_soon(now_s)
+        self._jumps = self.clock.jumps
+
+    def _ask_soon(self, now_s: float) -> None:
+        self._waits, self.due_s = _waits(TRIPS), now_s
 
 
 def _waits(soon: int) -> Iterator[float]:

@@ -9,6 +9,7 @@ import json
 import math
 import struct
 import zlib
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -61,6 +62,10 @@ ENCODED_MAX = decode.HEADER_SIZE + frame.TEXT_MAX + decode.CRC_SIZE + 4
 
 
 _SEQUENCES = 1 << 16
+_TIMES = 1 << 32  # us after which the board's time starts at 0 again
+_BACK_US = 60_000_000  # a frame may be older than the frame before it, by less than this
+_RECENT = 64  # latest readings, which show how many frames the board sends in a time
+_RECENT_LEAST = 8
 
 
 _READINGS = frame.TOUCH, frame.SPECTRUM, frame.CONTACT
@@ -110,6 +115,8 @@ class Decoder:
         self._overlong = False
         self._expected: int | None = None
         self._lost_at_reading = 0
+        # Time and number of the latest readings; no reply is between them.
+        self._recent: deque[tuple[int, int]] = deque(maxlen=_RECENT)
 
     @property
     def pending(self) -> bytes:
@@ -128,6 +135,7 @@ class Decoder:
     def forget(self) -> None:
         """Drop the incomplete frame, and do not count a gap before the next frame as loss."""
         self._partial, self._overlong, self._expected = b"", False, None
+        self._recent.clear()
 
     def feed(self, data: bytes) -> list[Frame]:
         """Add bytes, in any amount, and return the frames that are now complete."""
@@ -147,6 +155,7 @@ class Decoder:
         if restarts > self.restarts:
             self.restarts = restarts
             self.stats.lost = min(self.stats.lost, self._lost_at_reading)
+            self._recent.clear()
 
     def _completed(self, data: bytes) -> bytes:
         """Return the bytes up to the last delimiter; store the bytes after it for the next call."""
@@ -171,9 +180,7 @@ class Decoder:
             return None
         kind, sequence, low, high = _HEADER.unpack_from(payload)
         if kind & 0x0F != NOTE:
-            self._count(sequence)
-            if kind & 0x0F in _READINGS:
-                self._lost_at_reading = self.stats.lost
+            self._count(kind & 0x0F, sequence, low | high << 16)
         parse = PARSERS.get(kind & 0x0F)
         if parse is None:
             return None
@@ -186,13 +193,27 @@ class Decoder:
             self.restarted(found.content["restarts"])
         return found
 
-    def _count(self, sequence: int) -> None:
-        if self._expected is not None:
-            gap = (sequence - self._expected) % _SEQUENCES
-            if gap < _SEQUENCES // 2:  # else a frame was repeated, or the board restarted
-                self.stats.lost += gap
+    def _count(self, kind: int, sequence: int, t_us: int) -> None:
+        if self._expected is not None and (gap := (sequence - self._expected) % _SEQUENCES):
+            usual = 0.0 if kind == frame.TEXT else self._usual(t_us)
+            # The sequence gives the number of lost frames modulo 2**16; the time gives the rest.
+            # It is negative if a frame was repeated, or the board restarted.
+            self.stats.lost += max(0, gap + _SEQUENCES * round((usual - gap) / _SEQUENCES))
         self._expected = (sequence + 1) % _SEQUENCES
         self.stats.frames += 1
+        if kind in _READINGS:
+            self._lost_at_reading = self.stats.lost
+            self._recent.append((t_us, self.stats.frames + self.stats.lost))
+        elif kind == frame.TEXT:  # the streams may have changed
+            self._recent.clear()
+
+    def _usual(self, t_us: int) -> float:
+        """Return how many frames the board usually sends from the last reading until `t_us`."""
+        if len(self._recent) < _RECENT_LEAST:
+            return 0.0
+        (first_us, first), (last_us, last) = self._recent[0], self._recent[-1]
+        since_us = (t_us - last_us + _BACK_US) % _TIMES - _BACK_US
+        return since_us * (last - first) / max(1, (last_us - first_us) % _TIMES)
 
 
 def checked(piece: bytes) -> bytes | None:

@@ -132,13 +132,12 @@ class _BlockDecoder(Decoder):
             numbers = sequence[counted]
             expected = numbers[0] if self._expected is None else self._expected
             gaps = np.diff(numbers, prepend=expected - 1) - 1 & 0xFFFF
-            gaps[gaps >= 1 << 15] = 0  # a repeated frame, or a restart of the board
-            self._expected = int(numbers[-1]) + 1 & 0xFFFF
-            self.stats.frames += len(counted)
-            readings = np.flatnonzero(kinds[counted] != frame.KEY)
-            if len(readings):
-                self._lost_at_reading = self.stats.lost + int(gaps[: readings[-1] + 1].sum())
-            self.stats.lost += int(gaps.sum())
+            # Frames after the last gap only; those before it are counted one at a time.
+            last = int(np.flatnonzero(gaps)[-1]) + 1 if gaps.any() else 0
+            before = counted[:last]
+            for one in zip(kinds[before].tolist(), numbers[:last].tolist(), t_us[before].tolist()):
+                self._count(*one)
+            self._count_all(kinds[counted[last:]], numbers[last:], t_us[counted[last:]])
         tables: _Groups = {}
         for kind, (where, columns) in groups.items():
             first, end = np.searchsorted(where, (begin, begin + len(kinds)))
@@ -146,6 +145,19 @@ class _BlockDecoder(Decoder):
                 tables[kind] = where[first:end] - begin, columns[:, first:end]
         notes_at = np.flatnonzero(kinds == NOTE)
         return _Run(t_us, notes_at, (sequence << 32 | t_us)[notes_at], tables)
+
+    def _count_all(self, kinds: np.ndarray, numbers: np.ndarray, t_us: np.ndarray) -> None:
+        """Count readings and keys without a gap, as `_count` does."""
+        if not len(kinds):
+            return
+        begun = self.stats.frames + self.stats.lost + 1
+        self._expected = int(numbers[-1]) + 1 & 0xFFFF
+        self.stats.frames += len(kinds)
+        readings = np.flatnonzero(kinds != frame.KEY)
+        if len(readings):
+            self._lost_at_reading = self.stats.lost
+            readings = readings[-(self._recent.maxlen or 0) :]
+            self._recent.extend(zip(t_us[readings].tolist(), (begun + readings).tolist()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,8 @@ _SEARCHED_BYTES = 1 << 17
 
 # Seconds since the start of a clock; at 1e9 s a float still resolves 1e-6 s.
 _Clock_s = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
-_Utc_s = Annotated[float, msgspec.Meta(ge=0, le=1e10)]
+UTC_MOST_S = 1e10
+_Utc_s = Annotated[float, msgspec.Meta(ge=0, le=UTC_MOST_S)]
 
 
 class Clock(msgspec.Struct, frozen=True):
@@ -36,6 +37,7 @@ class Clock(msgspec.Struct, frozen=True):
     high_s: _Clock_s
     at_us: Annotated[int, msgspec.Meta(ge=-(1 << 50), le=1 << 50)] = 0
     slope: Annotated[float, msgspec.Meta(ge=-0.1, le=0.1)] = 0.0
+    slept_s: Annotated[float, msgspec.Meta(ge=0, le=1e9)] = 0.0
 
 
 class Header(msgspec.Struct, frozen=True, kw_only=True):
