@@ -11,10 +11,12 @@ import threading
 import time
 
 import pytest
+from rich.console import Console
 
 from spots.common.signals import ended_cleanly, on_console_event, released_by_signals
 from spots.outputs import devices
 from spots.outputs.devices import PrintedKeyboard
+from spots.terminal.view import live
 
 DEADLINE_S = 60
 if sys.platform == "win32":
@@ -402,3 +404,22 @@ def test_ignored_signals_stay_ignored_and_other_threads_are_left_alone():
     thread.start()
     thread.join()
     assert found == [signal.SIG_DFL]
+
+
+def test_a_display_that_is_stopped_shows_the_cursor_and_hides_it_again(monkeypatch):
+    # The other tests stop programs that hold keys; what is tried here is the terminal.
+    master, slave = pty.openpty()
+    seen = []
+    monkeypatch.setattr(
+        signal, "raise_signal", lambda number: seen.append((number, os.read(master, 1000)))
+    )
+    with os.fdopen(slave, "w") as terminal:
+        console = Console(file=terminal, force_terminal=True)
+        with live(console):
+            terminal.flush()
+            assert b"\x1b[?25l" in os.read(master, 1000)
+            os.kill(os.getpid(), signal.SIGTSTP)
+            assert seen == [(signal.SIGTSTP, b"\x1b[?25h")]
+            assert os.read(master, 1000) == b"\x1b[?25l"
+    os.close(master)
+    assert signal.getsignal(signal.SIGTSTP) == signal.SIG_DFL

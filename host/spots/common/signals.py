@@ -41,11 +41,13 @@ class _Section:
     """Defers signals while the main thread is in a block ``with SECTION``; blocks can be nested.
 
     `outputs` are the open `outputs.Output`. `ended_by` is the number of the signal that ends the
-    process; None before.
+    process; None before. `around` has what to call before a stop signal takes effect and when the
+    process continues.
     """
 
     def __init__(self):
         self.outputs = weakref.WeakSet()
+        self.around: list[tuple[Callable[[], None], Callable[[], None]]] = []
         self.ended_by: int | None = None
         self._depth = 0
         self._pending: list[int] = []
@@ -104,9 +106,13 @@ class _Section:
             raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(128 + number)
         self._stopped = True
         if number in _STOPPING:
+            for leave, _ in self.around:
+                leave()
             signal.signal(number, signal.SIG_DFL)
             signal.raise_signal(number)  # returns when the process continues
             signal.signal(number, self.handle)
+            for _, enter in self.around:
+                enter()
 
     def _ignore(self, numbers: list[int]) -> list[int]:
         """Ignore those of the signals `numbers` that this section handles, and return them."""
@@ -118,6 +124,36 @@ class _Section:
 
 SECTION = _Section()
 resumed = SECTION.resumed
+
+
+@contextlib.contextmanager
+def around_stops(leave: Callable[[], None], enter: Callable[[], None]) -> Iterator[None]:
+    """Run a block in which a stop signal (Ctrl-Z) calls ``leave()``, and ``enter()`` afterwards.
+
+    In another thread than the main thread, they are called only if the main thread handles the
+    signals.
+
+    Parameters
+    ----------
+    leave, enter : callable
+        Called in a signal handler: they must not use buffered files.
+
+    Yields
+    ------
+    None
+    """
+    handled: list[int] = []
+    if threading.current_thread() is threading.main_thread():
+        handled = [one for one in _STOPPING if signal.getsignal(one) == signal.SIG_DFL]
+    for one in handled:
+        signal.signal(one, SECTION.handle)
+    SECTION.around.append(pair := (leave, enter))
+    try:
+        yield
+    finally:
+        SECTION.around.remove(pair)
+        for one in handled:
+            signal.signal(one, signal.SIG_DFL)
 
 
 @contextlib.contextmanager

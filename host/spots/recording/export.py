@@ -231,7 +231,6 @@ def _mcap(description: Description, records: Records, out: Path, files: Files) -
         raise missing("exporting to MCAP needs", "mcap", "export") from None
 
     header = description.header
-    begun_ns = round(1e9 * header.utc_s)
     writer = Writer(files.new(out))
     writer.start(profile="", library=header.program)
     facts = description.as_json.items()
@@ -254,8 +253,8 @@ def _mcap(description: Description, records: Records, out: Path, files: Files) -
 
     encode = msgspec.json.Encoder().encode
     for table, row in records:
-        time_s, _, sensor, sequence = row[:4]
-        time_ns = max(0, begun_ns + round(1e9 * time_s))
+        time_s, arrived_s, sensor, sequence = row[:4]
+        time_ns = max(0, round(1e9 * description.begun_s(arrived_s)) + round(1e9 * time_s))
         if table.name == "text":
             message = log_message(time_ns, row[-1], header.info.get("board", ""))
         else:

@@ -23,10 +23,11 @@ def summary(path: str | Path) -> dict:
         for name, found in zip(VALUES, (*block.tables, block.texts, block.marks)):
             counts[name] += len(found)
     stats, header = recording.stats, recording.header
+    begun_s = recording.utc.begun_s(header.host_s)
     return {
         "files": [str(path) for path in recording.paths],
         "bytes": recording.size,
-        "begun": datetime.fromtimestamp(header.utc_s, timezone.utc).isoformat(),
+        "begun": datetime.fromtimestamp(begun_s, timezone.utc).isoformat(),
         "duration_s": round(recording.end_s - header.host_s, 6),
         "frames": counts,
         "lost": stats.lost,

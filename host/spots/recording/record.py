@@ -6,7 +6,6 @@ from contextlib import suppress
 from itertools import count
 
 from rich.console import Console
-from rich.live import Live
 from rich.text import Text
 
 from spots_device.board.settings import checksum
@@ -14,6 +13,7 @@ from spots_device.board.settings import checksum
 from ..common import typed_ahead
 from ..errors import CalibrationError, SpotsError, printable
 from ..link.board import Board
+from ..terminal.view import Display
 
 
 def record(
@@ -55,7 +55,7 @@ def record(
             threading.Thread(target=_mark, args=(board,), daemon=True).start()
         try:
             console = Console(stderr=True)
-            with Live(console=console, get_renderable=lambda: Text(line()), transient=True):
+            with Display(console=console, get_renderable=lambda: Text(line()), transient=True):
                 board.stream("touch", "spectrum")
                 for _ in board.frames(seconds):
                     frames += 1

@@ -13,7 +13,8 @@ from ..errors import FileError, SpotsError, path_text, printable
 from ..link.clockmap import ClockMap
 from ..link.decoder import Decoder
 from ..link.frames import Frame, LinkStats, Note
-from .header import Clock, Header, read
+from .header import UTC_MOST_S, Clock, Header, read
+from .utc import Seen, Utc
 from .writer import part_path, parts_beside
 
 # Statistics may be ahead of the frames by a block; a smaller block means more work per frame.
@@ -121,6 +122,7 @@ class Recording:
             self._clock = _clock_map(header.clock)
             self._decoder.restarted(header.restarts)
             self.end_s = header.host_s
+            self._seen_utc(header.utc_s)
             for block in chain([start], file_blocks(path, size)):
                 self.read_bytes += len(block)
                 yield path, header, block
@@ -133,12 +135,23 @@ class Recording:
         self.end_s = header.host_s + 1e-6 * note.since_us
         if "clock" in note.content:
             self._clock = _noted(path, note.content["clock"])
+        utc_s = note.content.get("utc_s")
+        if isinstance(utc_s, (int, float)) and 0 <= utc_s <= UTC_MOST_S:
+            self._seen_utc(utc_s)
         mark = note.content.get("mark")
         if isinstance(mark, str):
             self.marks.append(Mark(self.end_s, printable(mark)))
         self.joined |= self._ended_in == path and bool(note.content)
         if note.content.get("end") is True:
             self._ended_in = path
+
+    def _seen_utc(self, utc_s: float) -> None:
+        self._utc.append(Seen(self.end_s, utc_s, self._clock.slept_s))
+
+    @property
+    def utc(self) -> Utc:
+        """Conversion of host times to UTC, from the data that the iteration has read."""
+        return Utc(self._utc)
 
     @property
     def complete(self) -> bool:
@@ -176,6 +189,7 @@ class Recording:
         self._ended_in: Path | None = None  # a Ctrl-C may leave a later file with a header only
         self.joined = False
         self.marks: list[Mark] = []
+        self._utc: list[Seen] = []
         self._read = False  # whether the iteration has ended
 
 

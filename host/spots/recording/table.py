@@ -16,8 +16,10 @@ from spots_device.sensor.smux import CHANNELS
 
 from ..errors import printable
 from ..link.frames import DOUBTFUL, force_known, log2_unknown
+from ..terminal.view import cursor_shown
 from .arrays import Arrays, RecordingBlocks
 from .header import Header
+from .utc import Utc
 
 
 class Table(NamedTuple):
@@ -78,16 +80,23 @@ class Description(NamedTuple):
 
     `changes` has the settings, calibration and dark frame that the board reported during the
     recording, where they differ from those before. Each dict has ``arrived_s``, the time since the
-    recording began, ``sensor``, and the new values. Settings of keys are left out.
+    recording began, ``sensor``, and the new values. Settings of keys are left out. `utc` converts
+    host times to UTC.
     """
 
     header: Header
     changes: list[dict[str, Any]]
+    utc: Utc
+
+    def begun_s(self, since_s: float) -> float:
+        """Return what to add to the time `since_s` since the recording began, to get UTC."""
+        return self.utc.begun_s(self.header.host_s + since_s)
 
     @property
     def as_json(self) -> dict[str, Any]:
-        """The fields of the header, and ``changes``."""
-        return msgspec.to_builtins(self.header) | {"changes": self.changes}
+        """The fields of the header, with the right ``utc_s``, and ``changes``."""
+        known = {"utc_s": self.begun_s(0.0), "changes": self.changes}
+        return msgspec.to_builtins(self.header) | known
 
     @property
     def channels(self) -> Sequence[str]:
@@ -118,7 +127,7 @@ def described(recording: RecordingBlocks) -> Description:
                 now.update(new)
                 since_s = round(at_s - header.host_s, 9)
                 changes.append({"arrived_s": since_s, "sensor": text.sensor, **new})
-    return Description(header, changes)
+    return Description(header, changes, recording.utc)
 
 
 def tables(channels: Sequence[str]) -> list[Table]:
@@ -209,7 +218,10 @@ def shown(recording: RecordingBlocks) -> Iterator[Arrays]:
     columns = name, BarColumn(), TimeRemainingColumn()
     console = Console(stderr=True)
     quiet = not console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=quiet) as progress:
+    with (
+        cursor_shown(console),
+        Progress(*columns, console=console, transient=True, disable=quiet) as progress,
+    ):
         task = progress.add_task("", total=recording.size)
         for block in recording:
             progress.update(task, completed=recording.read_bytes)

@@ -45,7 +45,7 @@ class Writer(AbstractContextManager):
         *,
         begun: bytes = b"",
         rotate_bytes: int | None = None,
-        utc_s: Callable[[], float] = time.time,
+        utc_s: Callable[[], float] = lambda: time.time(),
     ):
         self._now_s = now_s
         self._path = Path(path_text(path, "the path of a recording"))
@@ -111,7 +111,9 @@ class Writer(AbstractContextManager):
             try:
                 # Within a partial frame, the note would be lost. So a delimiter ends such a frame.
                 ended = b"" if self._between_frames else b"\0"
-                self._append(ended + self._marks + self._note({"end": True}))
+                self._append(
+                    ended + self._marks + self._note({"end": True, "utc_s": self._utc_s()})
+                )
             finally:
                 self._release()
 
@@ -135,7 +137,8 @@ class Writer(AbstractContextManager):
             if _bounds(now["clock"]) != self._bounds:
                 # The map from board time to host time changes before these frames.
                 self._bounds = _bounds(now["clock"])
-                piece = self._note({"clock": now["clock"], "restarts": now["restarts"]}) + piece
+                known = {"clock": now["clock"], "restarts": now["restarts"]}
+                piece = self._note({**known, "utc_s": self._utc_s()}) + piece
             piece, self._marks = self._marks + piece, b""
         self._between_frames = False  # until the write is complete: Ctrl-C may interrupt it
         self._append(piece)

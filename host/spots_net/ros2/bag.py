@@ -49,11 +49,12 @@ def write(description: Description, records: Records, out: Path, files: Files) -
         strip = Strip(
             frame_id(name, sensor), now["channels"], now["exposure_us"], now["dark"] or UNKNOWN_DARK
         )
-        utc_s = max(0.0, header.utc_s + time_s)
+        begun_s = description.begun_s(arrived_s)
+        utc_s = max(0.0, begun_s + time_s)
         for topic, message in messages(table.name, values, utc_s, _ERROR_S, strip):
             kind = types()[topic]
             number = channel(topic_name(name, sensor, topic), kind)
-            arrived_ns = round(1e9 * (header.utc_s + arrived_s))
+            arrived_ns = round(1e9 * (begun_s + arrived_s))
             writer.add_message(number, arrived_ns, packed(message), round(1e9 * utc_s), sequence)
     writer.finish()
 

@@ -10,6 +10,8 @@ from rich import box
 from rich.console import Console, Group
 from rich.table import Table
 
+from spots.terminal.view import cursor_shown
+
 
 def show(summary: dict) -> None:
     """Print the tables of a `measurements.Run.summary`."""
@@ -71,5 +73,6 @@ def progress() -> Iterator[Callable[[str], None]]:
     if not sys.stderr.isatty():
         yield lambda step: None
         return
-    with Console(stderr=True).status("") as status:
+    console = Console(stderr=True)
+    with cursor_shown(console), console.status("") as status:
         yield lambda step: status.update(f"{step} ...")
