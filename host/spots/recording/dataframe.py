@@ -64,4 +64,8 @@ def read_dataframe(path: str | Path, kind: str = "touch") -> Any:
         marks = sorted((one.time_s - begun_s, one.text) for one in recording.marks)
         texts = np.array(["", *(text for _, text in marks)], object)
         joined["mark"] = texts[np.searchsorted([at for at, _ in marks], joined["time_s"], "right")]
-    return pd.DataFrame(joined)
+    # Without rows, pandas does not find the type of a column of texts.
+    text = pd.Series(["text"]).dtype
+    dtypes = {name: text for name, one in joined.items() if one.dtype == object}
+    dtypes.pop("content", None)  # dicts
+    return pd.DataFrame(joined).astype(dtypes)
