@@ -9,6 +9,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from spots.common.atomic import check_writable, write_text
+from spots.common.other_clock import OtherClock
 from spots.common.plugins import entry_points
 from spots.errors import CalibrationError, SettingError, missing, printable
 from spots.link.board import Board
@@ -125,8 +126,10 @@ def _publisher(stack: ExitStack, board: Board) -> Callable[[Terminal], object]:
     node = made[0]()
     stack.callback(node.close)
 
+    utc = OtherClock(time.time, board.now_s)
+
     def put(terminal: Terminal) -> None:
-        utc_s = time.time() - (board.now_s() - terminal.time_s)
+        utc_s = utc.at(terminal.time_s)
         node.put_angles(dict(zip(_JOINTS, terminal.theta_rad)), utc_s)
         if terminal.x_mm is not None and terminal.y_mm is not None:
             node.put_point(terminal.x_mm, terminal.y_mm, utc_s)

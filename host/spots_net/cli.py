@@ -1,6 +1,7 @@
 """The commands ``spots publish`` and ``spots subscribe``."""
 
 import argparse
+from collections.abc import Callable
 
 from spots.cli import arguments
 from spots.cli.parser import Parser, calls
@@ -31,6 +32,20 @@ def publish(parser: Parser):
     add_options(parser)
     arguments.add_wait(parser)
     arguments.add_seconds(parser)
+    group = parser.add_argument_group("OSC and Foxglove")
+    group.add_argument(
+        "--osc-time-tags",
+        action="store_true",
+        help="give each OSC bundle the time of its measurement, for receivers whose clock is "
+        "synchronised; without it, they play at once",
+    )
+    group.add_argument(
+        "--origin",
+        action="append",
+        metavar="URL",
+        help="website that may read the Foxglove outlet, such as http://192.168.1.7:8080; "
+        "Foxglove's own may always; may be given several times",
+    )
     group = parser.add_argument_group("ROS 2")
     group.add_argument("--name", default="", help="name of the node; spots_ID if not given")
     group.add_argument(
@@ -47,12 +62,16 @@ def publish(parser: Parser):
         help="messages that a subscriber stores; 10 if not given",
     )
     over_zenoh = "--zenoh-config", "--name", "--qos", "--depth"
-    parser.needs(over_zenoh, _is_over_zenoh, "add --to ros2")
+    parser.needs(over_zenoh, _goes_to(outlet.DEFAULT), "add --to ros2")
+    parser.needs(("--osc-time-tags",), _goes_to("osc"), "add --to osc")
+    parser.needs(("--origin",), _goes_to("foxglove"), "add --to foxglove")
     return calls("spots_net.publishing:publish_command")
 
 
-def _is_over_zenoh(options: argparse.Namespace) -> bool:
-    return any(name.partition("=")[0] == outlet.DEFAULT for name in options.to or [outlet.DEFAULT])
+def _goes_to(kind: str) -> Callable[[argparse.Namespace], bool]:
+    return lambda options: any(
+        name.partition("=")[0] == kind for name in options.to or [outlet.DEFAULT]
+    )
 
 
 def subscribe(parser: Parser):

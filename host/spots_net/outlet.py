@@ -1,8 +1,11 @@
 """What every outlet of ``spots publish --to`` has in common: its interface, and its messages."""
 
+import ipaddress
 import math
+import re
 from argparse import ArgumentTypeError
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from typing import Any, Protocol
@@ -20,13 +23,18 @@ _FIELDS = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_c
 # Class of each outlet, the package it needs, and the extra that installs it.
 _OUTLETS = {
     "ros2": ("spots_net.publish:Publisher", "Zenoh", "zenoh"),
-    "foxglove": ("spots_net.to_foxglove:Foxglove", "foxglove-sdk", "foxglove"),
+    "foxglove": ("spots_net.to_foxglove:Foxglove", "aiohttp", "foxglove"),
     "lsl": ("spots_net.to_lsl:Lsl", "pylsl", "lsl"),
     "osc": ("spots_net.to_osc:Osc", "python-osc", "osc"),
     "rerun": ("spots_net.to_rerun:Rerun", "rerun-sdk", "rerun"),
 }
 NAMES = tuple(_OUTLETS)
 DEFAULT = NAMES[0]
+# [IPv6 address], or name or IPv4 address; then perhaps a port.
+_ADDRESS = re.compile(r"(?:\[([^\[\]]+)\]|([^\s:/\[\]]+))(?::([0-9]{1,5}))?", re.ASCII)
+_PORT_MAX = 65_535
+_NAME_MAX = 253  # characters of a name in the domain name system
+_SHOWN = 60  # characters of an address in an error message
 _WITHOUT = ("lsl",)  # outlets without an address of their own
 
 
@@ -84,16 +92,36 @@ def maker(name: str, /, **settings: Any) -> Callable[[Board], Outlet]:
     return partial(made, **settings)
 
 
-def host_and_port(address: str, default: tuple[str, int], what: str) -> tuple[str, int]:
-    """Return host and port of an address such as ``192.168.1.7:9000``, ``:9000`` or ``host``.
+def host_and_port(
+    address: str, default: tuple[str, int], what: str, least_port: int = 1
+) -> tuple[str, int]:
+    """Return host and port of an address such as ``192.168.1.7:9000``, ``[::1]:9000`` or ``host``.
 
-    What is missing is taken from `default`. SettingError if the port is not a number from 0 to
-    65535; `what` names the outlet in its sentence.
+    The port is taken from `default` if it is missing, and both are if the address is empty.
+    SettingError if the host cannot be a name or an IP address, or the port is not a number from
+    `least_port` to 65535; `what` names the outlet in its sentence.
     """
-    host, colon, port = address.rpartition(":") if ":" in address else (address, "", "")
-    if colon and not (port.isdecimal() and int(port) < 65536):
-        raise SettingError(f"{address!r} is not an address for {what}: give HOST:PORT")
-    return host or default[0], int(port) if port else default[1]
+    if not address:
+        return default
+    match = _ADDRESS.fullmatch(address)
+    host, port = (match[1] or match[2], match[3]) if match else ("", "")
+    number = int(port) if port else default[1]
+    if not (_is_host(host, in_brackets=bool(match and match[1])) and number >= least_port):
+        number = _PORT_MAX + 1
+    if number > _PORT_MAX:
+        raise SettingError(
+            f"{address[:_SHOWN]!r} is not an address for {what}: give HOST:PORT, such as "
+            f"192.168.1.7:{default[1]} or [::1]:{default[1]}"
+        )
+    return host, number
+
+
+def _is_host(host: str, in_brackets: bool) -> bool:
+    with suppress(ValueError):
+        return (ipaddress.ip_address(host).version == 6) == in_brackets
+    with suppress(UnicodeError):  # a label is empty or too long
+        return not in_brackets and 0 < len(host.encode("idna")) <= _NAME_MAX
+    return False
 
 
 def values(frame: Reading) -> dict[str, Any]:

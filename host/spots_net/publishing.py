@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import Any
 
+from spots.common.other_clock import OtherClock
 from spots.common.signals import released_by_signals
 from spots.errors import BoardError
 from spots.link.board import Board
@@ -34,14 +35,13 @@ def publish(board: Board, outlets: Sequence[Outlet], seconds: float | None = Non
 
     No other code of the program may read the board's frames.
     """
-    now_s = board.now_s
+    now_s, utc = board.now_s, OtherClock(time.time, board.now_s)
     end_s = None if seconds is None else now_s() + seconds
     frames = board.frames()
     while end_s is None or now_s() < end_s:
         for frame in frames.within(_TURN_S):
             if isinstance(frame, _READINGS):
-                ago_s = 0.0 if frame.time_s is None else now_s() - frame.time_s
-                utc_s = time.time() - ago_s
+                utc_s = utc.now_s() if frame.time_s is None else utc.at(frame.time_s)
                 for outlet in outlets:
                     outlet.put(frame, utc_s)
             for outlet in outlets:
@@ -76,6 +76,10 @@ def publish_command(options: argparse.Namespace) -> None:
 def _settings(name: str, options: argparse.Namespace) -> dict[str, Any]:
     """Return the arguments of an outlet besides its address; raise SpotsError if one is wrong."""
     kind, _, address = name.partition("=")
+    if kind == "osc":
+        return {"time_tags": options.osc_time_tags}
+    if kind == "foxglove":
+        return {"origins": tuple(options.origin or ())}
     if kind != DEFAULT:
         return {}
     ros_domain(address)

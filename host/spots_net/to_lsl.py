@@ -2,6 +2,7 @@
 
 import pylsl
 
+from spots.common.other_clock import OtherClock
 from spots.link.board import Board
 from spots.link.frames import Reading
 from spots.recording.table import VALUES
@@ -20,7 +21,7 @@ class Lsl:
     """
 
     def __init__(self, board: Board):
-        self._board = board
+        self._clock = OtherClock(pylsl.local_clock, board.now_s)
         self.outlets: dict[str, pylsl.StreamOutlet] = {}
         board_id = board.info["id"]
         self.place = f"LSL streams SPOTS {board_id}"
@@ -40,9 +41,9 @@ class Lsl:
         if kind == "spectrum":
             numbers = [*numbers[:-1], *frame.counts]  # type: ignore[union-attr]
         time_s = frame.time_s
-        ago_s = 0.0 if time_s is None else self._board.now_s() - time_s
+        stamp_s = self._clock.now_s() if time_s is None else self._clock.at(time_s)
         outlet = self.outlets[self._sources[frame.sensor, kind]]
-        outlet.push_sample([float(one) for one in numbers], pylsl.local_clock() - ago_s)
+        outlet.push_sample([float(one) for one in numbers], stamp_s)
 
     def turn(self) -> None:
         """Do nothing: LSL sends in a thread of its own."""

@@ -1,10 +1,11 @@
 """Sends readings as OSC over UDP, to programs for sound and light."""
 
+import errno
 import math
-from contextlib import suppress
 
 from pythonosc import osc_bundle_builder, osc_message_builder, udp_client
 
+from spots.common.reports import REPORTS
 from spots.errors import RequirementError
 from spots.link.board import Board
 from spots.link.frames import Contact, Key, Reading, Touch
@@ -12,10 +13,15 @@ from spots.link.frames import Contact, Key, Reading, Touch
 from .outlet import host_and_port
 
 _DEFAULT = "127.0.0.1", 9000
+# Nobody listens yet, or the system's buffer is full.
+_PASSING = errno.ECONNREFUSED, errno.EAGAIN, errno.EWOULDBLOCK, errno.ENOBUFS
 
 
 class Osc:
-    """Sends each reading as an OSC bundle, whose time tag is the time of the measurement.
+    """Sends each reading as an OSC bundle.
+
+    The time tag is "immediately", or the time of the measurement with `time_tags`: a receiver whose
+    clock is behind then plays late by the difference.
 
     ``/spots/SENSOR/touching`` is 1 while a finger touches. ``/spots/SENSOR/position_um`` and
     ``/spots/SENSOR/force_mN`` are sent while the reading is trusted. ``/spots/SENSOR/contact`` has
@@ -24,29 +30,37 @@ class Osc:
     ``HOST:PORT``; RequirementError if there is no such host.
     """
 
-    def __init__(self, board: Board, address: str = ""):
+    def __init__(self, board: Board, address: str = "", time_tags: bool = False):
         host, port = host_and_port(address, _DEFAULT, "OSC")
         try:
-            self._client = udp_client.UDPClient(host, port)
+            self._client = udp_client.UDPClient(host, port, allow_broadcast=True)
         except OSError as error:
             raise RequirementError(
                 f"cannot send OSC to {host}: {error.strerror}; give the receiver as osc=HOST:PORT"
             ) from None
-        self.place = f"OSC over UDP to {host}:{port}"
+        self._time_tags = time_tags
+        self.place = f"OSC over UDP to {f'[{host}]' if ':' in host else host}:{port}"
 
     def put(self, frame: Reading, utc_s: float) -> None:
         """Send a frame; a frame that the system's buffer does not take is lost."""
         messages = [*_messages(frame)]
         if not messages:
             return
-        bundle = osc_bundle_builder.OscBundleBuilder(utc_s)
+        tag = utc_s if self._time_tags else osc_bundle_builder.IMMEDIATELY
+        bundle = osc_bundle_builder.OscBundleBuilder(tag)
         for name, *arguments in messages:
             message = osc_message_builder.OscMessageBuilder(f"/spots/{frame.sensor}/{name}")
             for one in arguments:
                 message.add_arg(one, "f" if isinstance(one, float) else "i")
             bundle.add_content(message.build())  # type: ignore[arg-type]
-        with suppress(OSError):  # nobody listens, or the buffer is full
+        try:
             self._client.send(bundle.build())
+        except OSError as error:
+            if error.errno not in _PASSING:
+                REPORTS.say(
+                    (self.place, error.errno),
+                    f"cannot send {self.place}: {error.strerror}; check address and network",
+                )
 
     def turn(self) -> None:
         """Do nothing: every frame was sent at once."""

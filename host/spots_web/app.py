@@ -2,8 +2,9 @@
 
 On the WebSocket, the server sends states as numbered messages. A browser returns the number of a
 message after drawing it, and sends nothing else. While two messages are not drawn, the server
-waits; then it sends the newest state, so stale states never wait in a queue. A request that changes
-something is a POST, and needs the access token.
+waits; then it sends the newest state, so stale states never wait in a queue. Each second, the
+number of the last message is sent again, alone: it shows a browser that the server answers. A
+request that changes something is a POST, and needs the access token.
 """
 
 import asyncio
@@ -12,6 +13,7 @@ import mimetypes
 import re
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,7 @@ from aiohttp.http import HttpProcessingError
 from aiohttp.http_exceptions import PayloadEncodingError
 
 from spots.common.guarded import Guarded
+from spots.common.reports import is_limit
 from spots.errors import SpotsError, printable
 from spots.outputs.usages import ALIASES_FILE, USAGES_FILE
 
@@ -39,6 +42,7 @@ _ACK_MAX = 16  # bytes of a message from a browser
 _NUMBER = re.compile("[0-9]+")
 _HEARTBEAT_S = 20.0  # interval of aiohttp's pings, which detect lost browsers
 _ANSWER_S = 10.0  # longest wait for the answer to a request
+_ALIVE_S = 1.0  # interval of messages that only show that the server answers
 _PING_EVERY = 32  # number of messages between two pings
 NOTHING: Mapping[str, RequestQueue] = {}
 
@@ -48,9 +52,12 @@ _DAMAGED = (HttpProcessingError, web.RequestPayloadError, PayloadEncodingError)
 
 
 def _is_fault(record: logging.LogRecord) -> bool:
-    """Return whether a log record reports a fault of this program, not a damaged request."""
+    """Return whether a log record reports a fault of this program, not a damaged request.
+
+    At the limit of open files, one line is printed instead of all log records.
+    """
     error = record.exc_info[1] if record.exc_info else None
-    return not isinstance(error, (*_DAMAGED, ConnectionError))
+    return not isinstance(error, (*_DAMAGED, ConnectionError)) and not is_limit(error)
 
 
 LOG = logging.getLogger(__name__)
@@ -156,7 +163,10 @@ class PageApp:
         self._clients[socket] = news
         may_command = self._queues and self._guard.may_command(request)
         first = {"panels": self._panels, **({"may_command": True} if may_command else {})}
-        sending = asyncio.create_task(self._send_news(socket, news, pace, first))
+        tasks = [
+            asyncio.create_task(self._send_news(socket, news, pace, first)),
+            asyncio.create_task(_show_alive(socket, pace)),
+        ]
         try:
             async for message in socket:
                 if message.type == WSMsgType.PONG:
@@ -172,7 +182,8 @@ class PageApp:
                     )
         finally:
             del self._clients[socket]
-            sending.cancel()
+            for task in tasks:
+                task.cancel()
         return socket
 
     async def _send_news(
@@ -203,6 +214,14 @@ class PageApp:
     async def _close(self, app: web.Application) -> None:
         for socket in list(self._clients):
             await socket.close(code=WSCloseCode.GOING_AWAY, message=b"the server ends")
+
+
+async def _show_alive(socket: web.WebSocketResponse, pace: PagePace) -> None:
+    with suppress(ConnectionError):  # the browser has closed the connection
+        while not socket.closed:
+            await asyncio.sleep(_ALIVE_S)
+            if pace.sent:
+                await socket.send_str(_json({"n": pace.sent}))
 
 
 def _json(message: Any) -> str:

@@ -16,6 +16,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from spots.common import atomic, signals
+from spots.common.connections import Connections
+from spots.common.reports import on_loop_error
 from spots.errors import RequirementError, SettingError, SpotsError, missing, printable
 from spots.keyboard.layout import load
 from spots.link.board import Board
@@ -24,7 +26,6 @@ from spots.link.ports import offered, scheme_name
 
 from .board_feed import BoardReader
 from .calibration import PageCalibration
-from .connections import Connections
 from .panel_feed import OpenPanels, readers_of
 from .panels import Panel, installed
 from .practice import PagePractice
@@ -97,6 +98,7 @@ class Server:
         self.url = ""
 
     async def __aenter__(self) -> Server:
+        asyncio.get_running_loop().set_exception_handler(on_loop_error)
         app = PageApp(self._state, self._guard, self._queues)
         self._runner = web.AppRunner(app.web, access_log=None, logger=LOG, shutdown_timeout=1.0)
         await self._runner.setup()

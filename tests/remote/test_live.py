@@ -183,9 +183,9 @@ def test_a_port_in_use_is_refused():
             outlet.maker(name)(Board(stand_in()))
 
 
-@pytest.mark.parametrize("package", ["pythonosc", "pylsl", "foxglove", "rerun"])
+@pytest.mark.parametrize("package", ["pythonosc", "pylsl", "aiohttp", "rerun"])
 def test_a_missing_package_is_named_with_its_extra(package, monkeypatch):
-    name = {"pythonosc": "osc", "pylsl": "lsl"}.get(package, package)
+    name = {"pythonosc": "osc", "pylsl": "lsl", "aiohttp": "foxglove"}.get(package, package)
     for one in [one for one in sys.modules if one.partition(".")[0] == package]:
         monkeypatch.delitem(sys.modules, one)
     monkeypatch.setitem(sys.modules, package, None)

@@ -11,7 +11,8 @@ import aiohttp
 import pytest
 from support.serving import run, until
 
-from spots_web import connections
+from spots.common import connections
+from spots_web import app
 from spots_web.state import PageState
 
 HALF_OPEN = 300
@@ -134,3 +135,42 @@ def test_connections_that_have_ended_leave_nothing_in_memory(serve):
     while objects() - before >= ROUNDS * len(VISITS) // 2:
         assert time.monotonic() < end_s, "objects of connections that have ended are left"
         time.sleep(0.1)
+
+
+def test_a_page_notices_that_nothing_arrives_and_the_server_shows_that_it_lives(
+    serve, open_page, monkeypatch
+):
+    # The other tests end connections; here one stays open, as when a network stops delivering.
+    monkeypatch.setattr(app, "_ALIVE_S", 0.1)
+    server = serve(PageState())
+
+    async def listen():
+        async with (
+            aiohttp.ClientSession() as session,
+            session.ws_connect(server.url + "live") as page,
+        ):
+            first = (await page.receive(WAIT_S)).json()
+            return first["n"], [(await page.receive(WAIT_S)).json() for _ in range(2)]
+
+    assert run(listen()) == (1, [{"n": 1}, {"n": 1}])
+    monkeypatch.setattr(app, "_ALIVE_S", 1e6)
+    page = open_page(server.url)
+    until(page, "document.body.dataset.link === 'live'")
+    until(page, "document.querySelector('#next').textContent.includes('does not answer')")
+
+
+def test_a_page_below_the_path_of_a_proxy_connects_below_it(serve, browser):
+    server = serve(PageState())
+    page, below = browser.new_page(), server.url + "user/me/"
+    sockets = []
+    page.on("websocket", lambda socket: sockets.append(socket.url))
+    page.route(
+        below + "**",
+        lambda route: route.fulfill(
+            response=route.fetch(url=server.url + route.request.url.removeprefix(below))
+        ),
+    )
+    page.goto(below)
+    page.wait_for_event("websocket") if not sockets else None
+    assert sockets[0] == below.replace("http", "ws") + "live"
+    page.close()

@@ -1,13 +1,11 @@
 """Reports exceptions of threads and callbacks in one line each, and lets the thread continue."""
 
 import contextlib
-import sys
-import time
 from collections.abc import Callable
 
 from ..errors import printable
+from .reports import Reports
 
-_REPORT_EVERY_S = 10.0
 _TEXT_MAX = 200
 
 
@@ -21,7 +19,7 @@ class Guarded:
 
     def __init__(self, function: Callable, name: str, on_failure: Callable = lambda text: None):
         self._function, self._name, self._on_failure = function, name, on_failure
-        self._due_s = float("-inf")
+        self._reports = Reports()
 
     def __call__(self, *arguments):
         """Call the function and return its result, or None after an exception."""
@@ -35,10 +33,7 @@ class Guarded:
         with contextlib.suppress(Exception):
             sentence = sentence_of(self._name, error)
             try:
-                now_s = time.monotonic()
-                if now_s >= self._due_s:
-                    self._due_s = now_s + _REPORT_EVERY_S
-                    print(f"spots: {sentence}", file=sys.stderr, flush=True)
+                self._reports.say(None, sentence)
             finally:
                 self._on_failure(sentence)
 
