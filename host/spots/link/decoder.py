@@ -198,7 +198,9 @@ class Decoder:
             usual = 0.0 if kind == frame.TEXT else self._usual(t_us)
             # The sequence gives the number of lost frames modulo 2**16; the time gives the rest.
             # It is negative if a frame was repeated, or the board restarted.
-            self.stats.lost += max(0, gap + _SEQUENCES * round((usual - gap) / _SEQUENCES))
+            self.stats.lost += max(
+                0, gap + _SEQUENCES * math.ceil((usual - gap) / _SEQUENCES - 0.5)
+            )
         self._expected = (sequence + 1) % _SEQUENCES
         self.stats.frames += 1
         if kind in _READINGS:
