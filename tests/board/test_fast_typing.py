@@ -166,6 +166,31 @@ def test_a_finger_that_was_never_alone_is_typed_when_the_other_one_is(phase_s):
     assert figures["typed"] == "82"
 
 
+# Times in ms at which the force rises, is full, falls and ends; position in mm; force in mN.
+FIRST = (3, 24, 80, 109, 39.7, 1100)
+BRIEF = (76, 95, 111, 126, 72.1, 1600)
+LONG = (3, 17, 81, 106, 39.8, 2100)
+SHORT = (72, 90, 99, 118, 63.5, 1900)
+THIRD = (116, 131, 171, 189, 54.7, 1200)
+
+
+@pytest.mark.parametrize("phase_ms", [2, 3])
+@pytest.mark.parametrize(
+    ("text", "fingers"), [("58", (LONG, SHORT)), ("597", (FIRST, BRIEF, THIRD))]
+)
+def test_a_finger_that_is_alone_for_one_reading_is_typed(text, fingers, phase_ms):
+    touches = [
+        Finger(
+            points=[
+                (3 + (at_ms + phase_ms) / 1000, x_mm, force)
+                for at_ms, force in zip(times_ms, (0, force_mN, force_mN, 0))
+            ]
+        )
+        for *times_ms, x_mm, force_mN in fingers
+    ]
+    assert play(*touches)["typed"] == text
+
+
 @pytest.mark.board
 @pytest.mark.parametrize("apart_s", [0.0, 0.004])
 def test_of_fingers_that_came_together_both_are_typed(apart_s):

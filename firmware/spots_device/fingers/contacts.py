@@ -6,6 +6,7 @@ nothing but in `__init__`.
 """
 
 from ..reading import decode as d
+from .state import LEAVING
 from .tracker import ContactTracker
 
 # States of a finger.
@@ -63,7 +64,7 @@ class Fingers:
         self._sensor = sensor
         tracker = self.tracker
         first = self._first
-        alone = self._alone and not tracker.two
+        alone = self._alone and not (tracker.two or tracker.state[LEAVING])
         self._alone = False
         if alone:
             if not first.there:
@@ -113,6 +114,7 @@ class Fingers:
             self._end(second)
             self._end(self._first)
             self._begin(self._first)
+        self._first.x_um = x_um  # the reading may be of no finger, or of two
         self._alone = True
 
     def second(self, x_um, slack_um, t):

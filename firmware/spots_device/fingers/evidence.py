@@ -17,6 +17,7 @@ _OTHER = const(150_000)  # 1.1
 _SLIDES_T = const(100)  # typing fingers touch together for less; as they lift, light changes
 _DIPPED = const(435_000)  # 0.75, as difference of brightness in Q20 of log2
 _SINGLE = const(419_000)  # 1.32
+_GONE_T = const(25)  # before the last 10 ms of this time, nearly every finger has lifted
 
 
 def slack_um(s, b_last):
@@ -188,13 +189,47 @@ def remains(s):
     # steps. The remaining distance is about the square of a step divided by the step before.
     # Or the second finger was estimated here before.
     if (
-        -c.NEAR_UM < s[c.X_NOW_UM] - s[c.HINT_UM] < c.NEAR_UM and s[c.B_NOW] < s[c.PEAK] - c.EVEN
-    ) or (
         s[c.FALLS]
         and (s[c.T_NOW] - s[c.FELL]) & (c.TICKS - 1) >= c.LIFTS_T
-        and s[c.B_NOW] > s[c.B_LAST] - c.LOST
-        and 0 < s[c.STEP_UM] < c.FAST_UM
-        and s[c.STEP_UM] * s[c.STEP_UM] < s[c.STEP_LAST_UM] * _REMAINS_UM
+        and (
+            (
+                -c.NEAR_UM < s[c.X_NOW_UM] - s[c.HINT_UM] < c.NEAR_UM
+                and s[c.B_NOW] < s[c.PEAK] - c.EVEN
+            )
+            or (
+                s[c.B_NOW] > s[c.B_LAST] - c.LOST
+                and 0 < s[c.STEP_UM] < c.FAST_UM
+                and s[c.STEP_UM] * s[c.STEP_UM] < s[c.STEP_LAST_UM] * _REMAINS_UM
+            )
+        )
     ):
         how |= c.ENDS
     return how
+
+
+def passes(s):
+    """Return whether only the second finger touched in the reading before, and now another one.
+
+    While the first finger lifts, the position approaches the second finger. If it turns back before
+    it has stayed anywhere, a further finger has touched, or the second one lifts.
+    """
+    return (
+        s[c.FALLS]
+        and s[c.STEP_UM] < -c.REST_UM
+        and s[c.STEP_LAST_UM] > 0
+        and (s[c.T_NOW] - s[c.FELL]) & (c.TICKS - 1) >= _GONE_T
+        and abs(s[c.X_LAST_UM] - s[c.X_UM]) > c.APART_UM
+    )
+
+
+def was_second(s):
+    """Return whether the last reading before the light ended was of the second finger alone."""
+    return (
+        s[c.KNOWN]
+        and not s[c.SECOND]
+        and s[c.FALLS]
+        and s[c.FIT_SEEN]
+        and (s[c.T_NOW] - s[c.FELL]) & (c.TICKS - 1) >= _GONE_T
+        and abs(s[c.X_SEEN_UM] - s[c.X_UM]) - c.APART_UM
+        > 2 * noise(s[c.NOISE_PRODUCT], s[c.B_SEEN])
+    )

@@ -5,7 +5,7 @@
 
 from ..reading import decode as d
 from . import state as c
-from .evidence import guess, remains, slides
+from .evidence import guess, passes, remains, slides
 from .locate import estimate, noise, power
 
 
@@ -39,9 +39,13 @@ def watch(s, b):
         s[c.FITS] = not flags & d.MISFIT or flags & d.TOO_DARK > 0
         if s[c.FITS]:
             s[c.FORCE_MN] = s[c.FORCE_NOW_MN]
+    what = s[c.FIT_SEEN]
     _compare(s)
     if not s[c.FITS]:
         s[c.ODD] = True
+    if what and s[c.KNOWN] and s[c.PAIR] and not s[c.SECOND] and passes(s):
+        s[c.T] = s[c.T_NOW]
+        return c.PASSED
     what = 0
     if s[c.FITS] and s[c.KNOWN] and s[c.PAIR] and not s[c.SECOND]:
         what = remains(s)

@@ -142,6 +142,7 @@ ENDS = 2  # the first finger has almost left
 REMAINS = 4  # only one finger seems to touch
 FOUND = 8  # a second finger is found
 MOVED = 16  # number: two fingers rest; new estimate of the second one
+PASSED = 17  # number: the first finger has left, and another one touches beside the second one
 LIFTED = 18  # number: the first finger has left
 # Numbers with the uncertainty of a third finger's position in um, in the bits from 8 on:
 SAME = 19  # a third finger touches while two fingers rest

@@ -27,10 +27,10 @@ TWO   TWO    the second finger slides, at least 0.1 s after the start of TWO; th
              the first finger rests and does not lift
 TWO   DOWN   one of two known fingers has left: one reading shows which one
 TWO   TWO    two known fingers rest, and two readings agree on the position of a third finger
-TWO   TWO    the first finger has left: it began to lift 35 ms ago, or two readings lie between the
-             second and a third finger; the second finger is now the first one
+TWO   TWO    the first finger has left: it began to lift 35 ms ago (25 ms if the position turns
+             back), or two readings lie between the second and a third finger
 DOWN  UP     no finger touches; also if another one then touches elsewhere within `release_ms`
-TWO   UP     no finger touches, for one reading if a finger touches again
+TWO   UP     no finger touches; the last reading may be the only one of the second finger alone
 ====  =====  ==================================================================================
 
 A second finger may rest beside the first one without being found. If one of the two then leaves,
@@ -48,6 +48,7 @@ from .evidence import (
     has_left,
     recalls,
     slack_um,
+    was_second,
 )
 from .locate import noise
 from .pair import watch
@@ -238,6 +239,8 @@ class ContactTracker:
     def _lift(self, t):
         s = self.state
         if not s[c.LEAVING]:
+            if s[c.STATE] == c.TWO and was_second(s):
+                self._pass(s[c.X_SEEN_UM], s[c.B_SEEN])
             s[c.LEAVING] = True
             s[c.LEFT] = s[c.T]
         if elapsed(s[c.LEFT], t) < s[c.RELEASE_T]:
@@ -406,6 +409,12 @@ class ContactTracker:
             self.sink.moved(s[c.FOUND_UM], s[c.FOUND_SLACK_UM])
             return True
         t = s[c.T_NOW]
+        if what == c.PASSED:
+            self._pass(s[c.X_LAST_UM], s[c.B_LAST])
+            self._enter_two()
+            s[c.IS_EVEN] = s[c.RISES] = s[c.FALLS] = False
+            s[c.PAIR] = s[c.LOOSE] = True
+            return True
         s[c.X_NOW_UM] -= s[c.CROSS_UM]  # only one finger remains
         if what < c.MOVED:
             if what & c.FOUND:
@@ -429,6 +438,11 @@ class ContactTracker:
             s[c.DRIFTS] = flags & d.MISFIT
         s[c.T] = t
         return True
+
+    def _pass(self, x_um, brightness):
+        # The first finger had left in an earlier reading, which was of the second one alone.
+        self._begin(x_um, brightness)
+        self.sink.next(x_um, self.state[c.T_NOW])
 
     def _add(self, slack_um):
         # Report the finger that was estimated last; it becomes the second one.
