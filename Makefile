@@ -85,8 +85,8 @@ build/labs/rerun:
 	$(call VENV,$@)
 	@$@/bin/python -m pip --quiet install pytest --editable '.[virtual,rerun]'
 
-release: .venv/test
-	@$(BIN)/python tools/release.py $(ARGS)
+release: .venv/test live
+	@$(BIN)/python tools/release.py --live build/live $(ARGS)
 
 bench: .venv/test
 	@$(BIN)/python tests/bench $(ARGS)

@@ -1,8 +1,9 @@
 """Writes everything that a release consists of into `dist`; two runs give equal files.
 
-    python tools/release.py [FOLDER] [--runtime BOARD=FILE ...]
+    python tools/release.py [FOLDER] [--live FOLDER] [--runtime BOARD=FILE ...]
 
-With a board's runtime, as downloaded, the release has one file for a bare board, too.
+With a board's runtime, as downloaded, the release has one file for a bare board, too. With
+``--live``, it has the live page that `make live` has built in this folder.
 
 The date of all files is that of the last commit, or SOURCE_DATE_EPOCH. Wheel and sdist are built
 by hatchling in this environment, without downloads.
@@ -37,6 +38,7 @@ def main() -> None:
     """Write the release into a folder, which must be empty or absent."""
     parser = argparse.ArgumentParser()
     parser.add_argument("folder", nargs="?", type=Path, default=ROOT / "dist")
+    parser.add_argument("--live", type=Path)
     parser.add_argument("--runtime", action="append", default=[], metavar="BOARD=FILE")
     options = parser.parse_args()
     folder = options.folder
@@ -49,6 +51,8 @@ def main() -> None:
     boards(folder, date_s)
     mip(folder, date_s)
     bundle(folder, date_s)
+    if options.live:
+        pack(folder / f"spots-live-{VERSION}.zip", files_of(options.live) | licences(()), date_s)
     for board, _, runtime in (one.partition("=") for one in options.runtime):
         end = form_of(device_of(board)).suffix
         image(board, runtime, folder / f"spots-{board}-{VERSION}{end}")

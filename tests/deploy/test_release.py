@@ -36,7 +36,11 @@ def releases(tmp_path_factory):
             (root / name).write_bytes((ROOT / name).read_bytes())
         environment = os.environ | {"SOURCE_DATE_EPOCH": str(DATE_S), "TZ": zone}
         environment |= {"PYTHONPATH": os.pathsep.join(map(str, (root / "host", root / "firmware")))}
+        page = root / "page"
+        page.mkdir()
+        (page / "index.html").write_text("<!doctype html>")
         command = [sys.executable, str(root / "tools" / "release.py"), str(root / "dist")]
+        command += ["--live", str(page)]
         subprocess.run(command, check=True, env=environment, cwd=root, capture_output=True)
         made.append(root / "dist")
         time.sleep(2)  # the resolution of dates in zip files
@@ -70,6 +74,8 @@ def test_a_release_has_each_real_board_and_the_licences(releases):
         assert "board_config.py" in files
         adafruit = [name for name in files if name.startswith("licenses/adafruit")]
         assert bool(adafruit) == any(name.startswith("lib/") for name in files)
+    (live,) = [name for name in names if name.startswith("spots-live-")]
+    assert "index.html" in zipfile.ZipFile(releases[0] / live).namelist()
     (wheel,) = [name for name in names if name.endswith(".whl")]
     with zipfile.ZipFile(releases[0] / wheel) as packed:
         (record,) = [name for name in packed.namelist() if name.endswith("RECORD")]
