@@ -116,13 +116,14 @@ docs: live
 live: .venv/docs tests/wasm/node_modules
 	@$(BIN)/python -m spots_live.build build/live $(MICROPYTHON)
 
-pictures: .venv/test browser
+pictures: .venv/test browser live
 	@PYTHONPATH=docs $(BIN)/python -m make.pictures
 	@PYTHONPATH=docs $(BIN)/python -m make.timings
 	@PYTHONPATH=docs $(BIN)/python -m make.press
 	@PYTHONPATH=docs $(BIN)/python -m make.link_states
 	@PYTHONPATH=docs $(BIN)/python -m make.parts_page
 	@$(BIN)/python docs/make/screenshots.py
+	@$(BIN)/python docs/make/clip.py
 
 paper: .venv/test
 	@$(BIN)/python docs/make/paper.py docs
