@@ -97,6 +97,8 @@ def stage(folder: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         text = _relinked(source(page).read_text(encoding="utf-8"), page)
         path.write_text(text, encoding="utf-8")
+    for table in DOCS.glob("*/*.csv"):
+        shutil.copy(table, target / table.relative_to(DOCS))
     for name in ("site.css", "site.js", "iframe-worker.js"):
         shutil.copy(_FILES / name, target)
     nav = [{"SPOTS": "index.md"}]
