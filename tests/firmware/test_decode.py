@@ -158,6 +158,63 @@ def test_a_misfit_that_every_press_has_is_untrusted_but_good_for_a_key(decoder, 
     assert seen == [KEY] * 8
 
 
+FAR = [251, 260, 381, 698, 1382, 881]  # a press elsewhere
+
+
+def touches_of_two(made, times):
+    """Repeat a touch whose light moves, with one misfit until then; return the flags before."""
+    before = []
+    for _ in range(times):
+        shifted(made, 100)
+        for _ in range(5):
+            made.update(LIT, 1, NO_DARK, 0)
+            before.append(made.flags)
+        shifted(made, -100)
+        for _ in range(3):
+            made.update(FAR, 1, NO_DARK, 0)  # one finger has lifted
+        made.update(NO_DARK, 1, NO_DARK, 0)
+    return before
+
+
+def test_two_fingers_that_lift_one_after_the_other_teach_no_drift(decoder):
+    assert touches_of_two(decoder, 4) == [FLAWED] * 20
+
+
+def test_a_touch_of_two_fingers_undoes_the_drift_that_another_one_seemed_to_confirm(decoder):
+    state = decoder.state
+    state[decode.SEEN] = 100  # as if two fingers had touched and lifted exactly together
+    touches_of_two(decoder, 1)
+    assert state[decode.DRIFT] == 0
+    assert decoder.flags & decode.MISFIT == 0
+    assert touches_of_two(decoder, 1) == [FLAWED] * 5
+
+
+def test_a_misfit_below_the_tolerance_makes_the_first_touches_doubtful_only(decoder):
+    decoder.update(LIT, 1, NO_DARK, 0)
+    excess = decoder.state[decode.TOLERANCE_Q12] * 2 // 3
+    shifted(decoder, excess)
+    seen = []
+    for _ in range(4):
+        decoder.update(NO_DARK, 1, NO_DARK, 0)
+        for _ in range(6):
+            decoder.update(LIT, 1, NO_DARK, 0)
+        seen.append(decoder.flags)
+    assert seen[0] == FLAWED
+    assert seen[-1] == decode.TOUCHING
+    assert abs(decoder.state[decode.OFF_Q12]) < excess // 2
+
+
+def test_a_misfit_that_begins_within_a_touch_of_one_finger_is_in_doubt_only_if_it_moves(decoder):
+    for _ in range(3):
+        decoder.update(LIT, 1, NO_DARK, 0)
+    shifted(decoder, decoder.state[decode.TOLERANCE_Q12] * 2 // 3)
+    decoder.update(LIT, 1, NO_DARK, 0)
+    assert decoder.flags == decode.TOUCHING
+    decoder.update(FAR, 1, NO_DARK, 0)
+    assert decoder.flags == FLAWED
+    assert abs(decoder.state[decode.MISFIT_Q12]) < decoder.state[decode.TOLERANCE_Q12]
+
+
 FAINT = [count * 8 // 100 for count in LIT]  # a touch that is too noisy to measure a drift
 
 

@@ -89,7 +89,7 @@ def reading(flags):
         (TOUCHING | MISFIT, "fit one press"),
         (TOUCHING | MISFIT, "two fingers"),
         (TOUCHING | TWO_FIT, "has drifted"),
-        (TOUCHING | TWO_FIT, "two fingers"),
+        (TOUCHING | TWO_FIT, "spots doctor"),
         (MISFIT, "fit one press"),
         (SATURATED | MISFIT | TOUCHING, "saturated"),
         (NOT_CALIBRATED, "spots calibrate"),
@@ -150,6 +150,16 @@ def test_a_dark_frame_after_presses_that_do_not_fit_is_not_the_cause():
         untrusted.take(reading(flags), 0.01 * i)
         assert "dark frame" not in untrusted.sentence
     assert "re-zero is advised" in untrusted.sentence
+
+
+@pytest.mark.parametrize(("presses", "word"), [(1, "two fingers"), (2, "drifted")])
+def test_a_second_press_that_does_not_fit_shows_a_drift(presses, word):
+    untrusted = Untrusted()
+    for i in range(80):
+        pressed = i % 40 if presses > 1 else i
+        untrusted.take(reading(TOUCHING | MISFIT if pressed else TOO_DARK), 0.02 * i)
+    assert untrusted.sentence.startswith("every reading is untrusted, because")
+    assert word in untrusted.sentence
 
 
 @pytest.mark.board

@@ -244,7 +244,7 @@ def test_estimate(compare, rng):
         if i > 3:
             checked = 1, 10_000
         cases.append((tables, limits, checked, readings))
-    width = (decode.TOLERANCE_Q12 + 2 + decode.BEYOND - decode.STICK) * 30
+    width = (decode.SLOPE + 1 + decode.STATE_SIZE - decode.STICK) * 30
     for case in cases:  # the heap has no room for all cases
         compare("estimate", [case], width=width)
 

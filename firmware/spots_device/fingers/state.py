@@ -18,7 +18,7 @@ LOST = 337_000  # 0.8
 # The misfit grows with the loss of brightness that two fingers cause, in Q20 of log2. The loss is
 # below `LOSS_FIT` if the reading fits one press, and above `LOSS_MISFIT` if it does not.
 LOSS_FIT = 45_000
-LOSS_MISFIT = 12_000
+LOSS_MISFIT = 2_000
 
 # Distances in um.
 REST_UM = 250  # largest difference between two readings of a position that stays

@@ -10,8 +10,8 @@ measured one; `detect` is set in the layout:
 ====  =====  ==================================================================================
 from  to     when
 ====  =====  ==================================================================================
-UP    DOWN   `detect` consecutive readings agree on a position, or on a steady motion
-UP    TWO    readings disagree for 40 ms: fingers touched together at unknown positions
+UP    DOWN   `detect` readings agree on a position, or on a steady motion, and the last one fits
+UP    TWO    this does not happen for 40 ms: fingers touched together at unknown positions
 DOWN  DOWN   the position is that of the finger, or the finger slides
 DOWN  TWO    otherwise; the first finger gets the position that it had one reading *earlier*
 TWO   DOWN   the position stays where the first finger was, or nearer to it than a second finger can
@@ -278,13 +278,15 @@ class ContactTracker:
         moved_um = x_um - s[c.X_SEEN_UM]
         if not s[c.SEEN]:
             self._approach()
-        elif (
-            s[c.FITS]
-            and s[c.SEEN] > 0
-            and abs(moved_um)
-            < (slack_um(s, s[c.B_SEEN]) * 5 >> 2 if s[c.LENGTH_UM] else s[c.JUMP_UM])
+        elif s[c.SEEN] > 0 and abs(moved_um) < (
+            slack_um(s, s[c.B_SEEN]) * 5 >> 2 if s[c.LENGTH_UM] else s[c.JUMP_UM]
         ):
-            s[c.SEEN] += 1
+            # A reading of one finger or two decides nothing: the next one does.
+            if s[c.FITS]:
+                s[c.SEEN] += 1
+            elif elapsed(s[c.BEGAN], s[c.T_NOW]) >= _TOGETHER_T:
+                self._begin_two()
+                return
         else:
             steady = s[c.STEP_UM] and abs(moved_um - s[c.STEP_UM]) < slack_um(s, s[c.B_SEEN])
             if s[c.FITS] and steady and abs(moved_um) <= s[c.JUMP_UM]:
@@ -293,14 +295,12 @@ class ContactTracker:
                 s[c.SEEN] = 1
                 s[c.X_UM] = x_um
                 if elapsed(s[c.BEGAN], s[c.T_NOW]) >= _TOGETHER_T:
-                    s[c.KNOWN] = s[c.IS_EVEN] = False
-                    self._enter_two()
+                    self._begin_two()
                     return
         # Three readings show whether a motion is steady.
         s[c.STEP_UM] = moved_um if s[c.SEEN] == 1 and elapsed(s[c.BEGAN], s[c.T_NOW]) else 0
         if not s[c.FITS]:
             s[c.STEP_UM] = 0
-            s[c.SEEN] = -1
         s[c.X_SEEN_UM] = x_um
         s[c.B_SEEN] = s[c.B_NOW]
         if s[c.SEEN] >= s[c.DETECT]:
@@ -308,6 +308,11 @@ class ContactTracker:
             s[c.B_BEFORE] = 0
             self.sink.down(x_um, s[c.T_NOW])
             self._harden()
+
+    def _begin_two(self):
+        s = self.state
+        s[c.KNOWN] = s[c.IS_EVEN] = False
+        self._enter_two()
 
     # State DOWN.
 
@@ -473,9 +478,11 @@ class ContactTracker:
         if not s[c.KNOWN]:
             # If light was lost and the position moved, one of two fingers has left. Or there was
             # only one finger, and ambient light that is now off.
-            if (s[c.B_NOW] < s[c.PEAK] - c.LOST and abs(x_um - s[c.X_PEAK_UM]) > _MOVED_UM) or (
-                s[c.ODD] and elapsed(s[c.SINCE], t) >= _TOGETHER_T
-            ):
+            if (
+                s[c.B_NOW] < s[c.PEAK] - c.LOST
+                and abs(x_um - s[c.X_PEAK_UM]) > _MOVED_UM
+                and abs(s[c.B_NOW] - s[c.B_SINCE]) < c.CHANGED
+            ) or (s[c.ODD] and elapsed(s[c.SINCE], t) >= _TOGETHER_T):
                 self._begin(x_um, s[c.B_NOW])
                 s[c.B_BEFORE] = 0
                 self.sink.down(x_um, t)

@@ -76,7 +76,7 @@ class Ambient:
             self._moved = 0
 
     def _is_shifted(self, tables):
-        off = self._state[d.MISFIT_Q12] - self._state[d.DRIFT]
+        off = self._state[d.OFF_Q12]
         if abs(off) <= self._state[d.TOLERANCE_Q12] >> 1:
             return False
         slope = self._slope(tables)

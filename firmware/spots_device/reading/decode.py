@@ -54,12 +54,15 @@ LOG_SAMPLES = 7  # Q20 of log2: product of the two numbers of samples
 TOUCH_ON_MN = 8  # mN: force at which a touch begins, from the calibration
 TOUCH_OFF_MN = 9  # mN: force at which a touch ends, from the calibration
 DRIFT_MAX = 10  # Q12: largest drift of the misfit, from the calibration
-DRIFT = 11  # Q12: drift of the misfit, see `kernel._judge`
+DRIFT = 11  # Q12: drift of the misfit in the middle of the strip, see lone.py
 LEARNS = 12  # readings until a touch gives the drift; 0 after that
-SEEN = 13  # Q12: drift that the last touch gave
+SEEN = 13  # Q12: mean of `OFF_Q12` in the last touch of one finger, or `NONE`
 LIGHT = 14  # counts: sum of the six sums
 MISFIT_Q12 = 15  # Q12: misfit to one press, if the position is known
 TOLERANCE_Q12 = 16  # Q12: tolerance of this misfit
+OFF_Q12 = 17  # Q12: misfit minus drift, at the position of the reading
+DOUBT = 18  # whether two fingers may have begun this touch: 1 first reading, 2 later, 0 no
+SLOPE = 19  # Q10: change of the drift in 1024 um
 IDLE_US = 20  # us: time without a touch
 # Change of the ambient light, see dark.py.
 LEVEL = 21  # counts + 1: sum of the floor; 0 from a dark window until a reading without a touch
@@ -109,7 +112,24 @@ FADE = 88  # Q24: share of `STICK` that decays in 64 us
 TOUCHED = 89  # `TOUCHING` if a finger touched in the last reading with the LED on, else 0
 # `TOO_DARK` if position or force is beyond the calibrated range, else 0; only in portable code.
 BEYOND = 90
-STATE_SIZE = 91
+# One finger or two, see lone.py. Machine code uses these elements by a second pointer.
+LATE = 91
+MIDDLE_UM = 91  # um: half the length of the strip
+BEGUN_US = 92  # us: time since the touch began
+X_FIRM_UM = 93  # um: position of the last firm reading; -`NONE` before the first one
+MEAN = 94  # Q16: mean of `OFF_Q12` in the last firm readings
+TOLERANCE_FIRM = 95  # Q12: least tolerance of these readings
+LONE = 96  # bool: all firm readings of the touch are at one position
+EXCESS = 97  # sum of weights times excesses of the misfit
+WEIGHT = 98  # sum of these weights
+FRESH = 99  # touches until a jump of the drift is known everywhere
+JUMPED = 100  # Q12: jump of the drift in this touch
+STATE_SIZE = 101
+
+OFF_MAX = 1 << 20  # Q12
+NONE = 1 << 24  # um or Q12: a value that is unknown
+MOVES_US = 50_000  # us: a touch that moves so early may be of two fingers
+MOVED_UM = 500  # um: largest motion of one finger between two firm readings
 
 COUNT_MAX_Q12 = 65_535 << 12  # largest count
 
@@ -211,6 +231,7 @@ class Decode:
             self.state[TOUCH_ON_MN] = calibration.touch_on_mN
             self.state[TOUCH_OFF_MN] = calibration.touch_off_mN
             self.state[DRIFT_MAX] = calibration.drift_max
+            self.state[MIDDLE_UM] = calibration.length_um >> 1
 
     def scale(self, samples, dark_samples):
         """Set the number of samples in a reading, and in the sums that are subtracted from it.

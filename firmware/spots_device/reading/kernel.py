@@ -15,6 +15,7 @@ from struct import pack_into
 from ..sensor.smux import CHANNELS
 from . import decode as d
 from .log2 import GUARD, LIMIT, TABLE, Q
+from .lone import begin, confirm, is_doubtful, learn, move
 from .sticking import unstick
 
 TOUCH_BODY = "<BiiiH"  # flags, contrast, brightness, position_um, force_mN
@@ -173,8 +174,14 @@ def estimate(state, tables, flags):
         flags |= d.TOO_DARK
     elif tables[d.SEGMENTS]:
         flags |= _judge(state, touching) if _locate(state, tables) else d.TOO_DARK
-    state[d.FLAGS] = flags
     state[d.TOUCHED] = flags & d.TOUCHING
+    if flags & d.TOUCHING:
+        _follow_touch(state, touching)
+        if state[d.DOUBT] and is_doubtful(state, tables):
+            flags = (flags | d.TOO_DARK | d.MISFIT) ^ d.TOO_DARK
+    elif touching:
+        learn(state)
+    state[d.FLAGS] = flags
 
 
 def _size_table():
@@ -291,22 +298,24 @@ def _cross(tables, state):
 
 def _judge(state, touching):
     # Return the flags of a reading whose position is known.
-    misfit = state[d.MISFIT_Q12]
     tolerance = state[d.TOLERANCE_Q12]
+    off = _off(state)
+    state[d.OFF_Q12] = off
+    off = abs(off)
     flags = 0
-    if abs(misfit) > tolerance:
+    if abs(state[d.MISFIT_Q12]) > tolerance:
         flags = d.MISFIT
         # A reading that fits one press after subtraction of the drift is untrusted, but good enough
         # for a key, see tracker.TWO_FIT.
-        if abs(misfit - state[d.DRIFT]) <= tolerance:
+        if off <= tolerance:
             flags |= d.TOO_DARK
-        elif abs(misfit - state[d.DRIFT]) > d.ALIEN * tolerance:
+        elif off > d.ALIEN * tolerance:
             # A lamp was switched on: measure it under the finger. If the LED is always on, nobody
             # can, and this light may remain after the lift: it is no touch.
             if state[d.AGE_STEP_US]:
                 if touching and state[d.AGE_US] >= d.ODD_US_MAX:
                     state[d.WANTED] |= d.CHECK
-            elif abs(misfit - state[d.DRIFT]) - d.ALIEN * tolerance > state[d.DRIFT_MAX]:
+            elif off - d.ALIEN * tolerance > state[d.DRIFT_MAX]:
                 state[d.FAINT] = 0
                 return flags
     force_mN = state[d.FORCE_MN]
@@ -324,14 +333,12 @@ def _judge(state, touching):
     if not force_mN or force_mN < least_mN:
         state[d.FAINT] = 0
         return flags & d.MISFIT
-    # Drift shifts the misfit of all presses equally. A touch gives this shift in its third reading
-    # with at least four times the force at which touches begin; in fainter readings the noise
-    # exceeds most shifts. The shift is used if the previous touch gave the same shift: two fingers
-    # seldom touch together twice in a row.
+    # A touch shows in its third reading with at least four times the force at which touches begin
+    # that the strip has drifted, if the touch before showed the same drift. In fainter readings the
+    # noise exceeds most drifts.
     if state[d.LEARNS] and force_mN >> 2 >= state[d.TOUCH_ON_MN]:
         state[d.LEARNS] -= 1
-        if not state[d.LEARNS]:
-            _learn(state, misfit, tolerance)
+        if not state[d.LEARNS] and abs(confirm(state)) < off:
             return _judge(state, d.TOUCHING)  # with the new drift
     if not touching or state[d.BRIGHTNESS] >= state[d.PEAK] - d.LEFT:
         state[d.FAINT] = 0
@@ -343,11 +350,26 @@ def _judge(state, touching):
     return (flags or state[d.BEYOND]) | d.TOUCHING
 
 
-def _learn(state, misfit, tolerance):
-    if abs(misfit - state[d.SEEN]) <= tolerance:
-        limit = state[d.DRIFT_MAX]
-        state[d.DRIFT] = min(max(misfit, -limit), limit)
-    state[d.SEEN] = misfit
+def _off(state):
+    # Misfit minus drift, at the position of the reading.
+    place = state[d.POSITION_UM] - state[d.MIDDLE_UM] >> 10
+    off = state[d.MISFIT_Q12] - state[d.DRIFT] - (state[d.SLOPE] * place >> 10)
+    return min(max(off, -d.OFF_MAX), d.OFF_MAX)
+
+
+def _follow_touch(state, touching):
+    # Update what lone.py needs.
+    if not touching:
+        begin(state)
+    if state[d.BEGUN_US] < d.MOVES_US:
+        state[d.BEGUN_US] += state[d.TAKEN] * state[d.EXPOSURE_US]
+    if state[d.FORCE_MN] >> 2 >= state[d.TOUCH_ON_MN]:
+        x_um = state[d.POSITION_UM]
+        if abs(x_um - state[d.X_FIRM_UM]) > d.MOVED_UM:
+            move(state)
+        state[d.MEAN] += (state[d.OFF_Q12] << 4) - state[d.MEAN] >> 2
+        state[d.X_FIRM_UM] = x_um
+        state[d.TOLERANCE_FIRM] = min(state[d.TOLERANCE_FIRM], state[d.TOLERANCE_Q12])
 
 
 def _dots(tables, first, state):

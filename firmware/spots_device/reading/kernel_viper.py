@@ -18,6 +18,7 @@ import micropython
 from ..sensor.smux import CHANNELS
 from . import decode as d
 from .log2 import GUARD, TABLE, Q
+from .lone import begin, confirm, is_doubtful, learn, move
 from .sticking import unstick
 
 
@@ -208,7 +209,15 @@ def process(work, flags: int) -> int:
         most = uint(2 * tolerance)
         if uint(misfit + tolerance) > most:
             flags |= d.MISFIT
-        off = misfit - ((state[d.DRIFT] ^ sign) - sign)
+        late = ptr32(uint(state) + 4 * d.LATE)
+        off = (state[d.POSITION_UM] - late[d.MIDDLE_UM - d.LATE]) >> 10
+        off = (((state[d.SLOPE] ^ sign) - sign) * off) >> 10
+        off = misfit - ((state[d.DRIFT] ^ sign) - sign) - off
+        if off > d.OFF_MAX:
+            off = d.OFF_MAX
+        if off + d.OFF_MAX < 0:
+            off = 0 - d.OFF_MAX
+        state[d.OFF_Q12] = off
         if flags & d.MISFIT and state[d.AGE_STEP_US] == 0:
             n = d.ALIEN * tolerance + state[d.DRIFT_MAX]
             if uint(off + n) > uint(2 * n):
@@ -241,16 +250,7 @@ def process(work, flags: int) -> int:
             if state[d.LEARNS] and force_mN >> 2 >= state[d.TOUCH_ON_MN]:
                 state[d.LEARNS] = state[d.LEARNS] - 1
                 if state[d.LEARNS] == 0:
-                    n = misfit - ((state[d.SEEN] ^ sign) - sign)
-                    if uint(n + tolerance) <= most:
-                        n = misfit
-                        if n > state[d.DRIFT_MAX]:
-                            n = state[d.DRIFT_MAX]
-                        if n + state[d.DRIFT_MAX] < 0:
-                            n = 0 - state[d.DRIFT_MAX]
-                        state[d.DRIFT] = n
-                        off = misfit - n
-                    state[d.SEEN] = misfit
+                    off = int(confirm(work[d.STATE]))
             if step == 0 or state[d.FAINT] == 0:
                 faint = step
                 flags |= d.TOUCHING
@@ -261,8 +261,31 @@ def process(work, flags: int) -> int:
                     flags |= d.TOO_DARK
         state[d.FAINT] = faint
         break
-    state[d.FLAGS] = flags
     us = state[d.TAKEN] * state[d.EXPOSURE_US]
+    if flags & d.TOUCHING:  # as kernel._follow_touch
+        if touching == 0:
+            begin(work[d.STATE])
+        late = ptr32(uint(state) + 4 * d.LATE)
+        n = late[d.BEGUN_US - d.LATE]
+        if n < d.MOVES_US:
+            late[d.BEGUN_US - d.LATE] = n + us
+        if state[d.FORCE_MN] >> 2 >= state[d.TOUCH_ON_MN]:
+            at = state[d.POSITION_UM]
+            n = at - late[d.X_FIRM_UM - d.LATE]
+            if n > d.MOVED_UM or n + d.MOVED_UM < 0:
+                move(work[d.STATE])
+            n = (late[d.MEAN - d.LATE] ^ sign) - sign
+            n += ((((state[d.OFF_Q12] ^ sign) - sign) << 4) - n) >> 2
+            late[d.MEAN - d.LATE] = n
+            late[d.X_FIRM_UM - d.LATE] = at
+            n = state[d.TOLERANCE_Q12]
+            if n < late[d.TOLERANCE_FIRM - d.LATE]:
+                late[d.TOLERANCE_FIRM - d.LATE] = n
+        if state[d.DOUBT] and int(is_doubtful(work[d.STATE], work[d.TABLES])):
+            flags = (flags | d.TOO_DARK | d.MISFIT) ^ d.TOO_DARK
+    elif touching and flags & d.LED_OFF == 0:
+        learn(work[d.STATE])
+    state[d.FLAGS] = flags
     half = us >> 1
     state[d.FOUND] = head[d.TIME_LOW] + head[d.LESS_US] - half
     head[d.LESS_US] = half

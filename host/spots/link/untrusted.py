@@ -8,6 +8,12 @@ from .frames import Touch
 # Time of untrusted readings before a warning, in s. Applications need a reading every 0.3 s at
 # least, so the warning comes within a second.
 _UNTRUSTED_S = 0.7
+# Two fingers teach the board no drift, and seldom touch twice in a row without a lone finger.
+_DRIFT = (
+    "the strip has drifted since its calibration: positions are wrong; next: 'spots doctor' for "
+    "the size of the error; a re-zero is advised: spots rezero"
+)
+_PRESSES = 2  # presses in a row that do not fit one press, from which on a drift is the cause
 # Causes and remedies by flags; the first entry whose flags are all set applies.
 CAUSES = {
     decode.NOT_CALIBRATED: ("the board has no calibration for its settings; next: spots calibrate"),
@@ -18,10 +24,7 @@ CAUSES = {
         "the board keeps measuring its dark frame; next: lift all fingers, and keep the ambient "
         "light steady"
     ),
-    TWO_FIT: (
-        "two fingers touch the strip, or it has drifted since its calibration; next: lift all but "
-        "one finger; if that changes nothing, a re-zero is advised: spots rezero"
-    ),
+    TWO_FIT: _DRIFT,
     decode.MISFIT: (
         "two fingers touch the strip, or the spectrum does not fit one press; next: lift all "
         "fingers and wipe the strip; if that changes nothing, a re-zero is advised: spots rezero"
@@ -52,6 +55,8 @@ class Untrusted:
         self._lasted_s = 0.0
         self._last_s: float | None = None  # of the last reading, if it was untrusted
         self._misfit_press = False
+        self._presses = 0  # in a row that do not fit
+        self._touching = False
 
     def take(self, touch: Touch, now_s: float, light_moves: bool = False) -> None:
         """Take a reading, which arrived at a time of `Board.now_s`, and update `sentence`.
@@ -62,10 +67,13 @@ class Untrusted:
         # is `TOO_DARK` with `MISFIT`, has its meaning only during a press.
         known = touch.flags if touch.touching else touch.flags & ~decode.TOO_DARK
         flag = next((flag for flag in CAUSES if known & flag == flag), None)
+        begins = touch.touching and not self._touching
+        self._touching = touch.touching
         if flag is None:
             self._last_s = None
             if touch.touching or not self._misfit_press:
                 self.sentence, self._lasted_s, self._misfit_press = "", 0.0, False
+                self._presses = 0
             return
         if flag == decode.LED_OFF and self._misfit_press:
             self._last_s = None  # the board repeats its dark frame because presses do not fit
@@ -74,6 +82,11 @@ class Untrusted:
             self._lasted_s += now_s - self._last_s
         self._last_s = now_s
         self._misfit_press = touch.touching and flag in (TWO_FIT, decode.MISFIT)
+        self._presses += begins and self._misfit_press
         if self._lasted_s >= _UNTRUSTED_S:
-            cause = _LIGHT if light_moves and flag & decode.MISFIT else CAUSES[flag]
+            cause = CAUSES[flag]
+            if light_moves and flag & decode.MISFIT:
+                cause = _LIGHT
+            elif self._misfit_press and self._presses >= _PRESSES:
+                cause = _DRIFT
             self.sentence = f"every reading is untrusted, because {cause}"

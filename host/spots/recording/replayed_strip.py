@@ -252,8 +252,9 @@ class ReplayedStrip:
                 strip.load(words, True)
                 strip._baseline_of = self  # the baseline restarts
                 strip._tare_wanted = False
-                for at in (d.DRIFT, d.SEEN, d.LEARNS, d.TOUCHED, d.LEVEL, d.ODD_US):
+                for at in (d.DRIFT, d.SLOPE, d.SEEN, d.LEARNS, d.FRESH, d.TOUCHED, d.LEVEL):
                     strip._reading[at] = 0
+                strip._reading[d.ODD_US] = 0
             strip.use_calibration(found)
             if found is not None and found.compensation is not None and not self.own:
                 silicone = found.compensation

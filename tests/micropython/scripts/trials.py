@@ -24,7 +24,7 @@ _BURST_US = 390
 _CLEAR_US = 73
 
 _encoded = bytearray(920)
-_COMPARED = 17  # elements of a state, up to the tolerance of the misfit
+_COMPARED = 20  # elements of a state, up to the slope of the drift
 _decode = Decode()
 _decode.scale(1, 4)
 _head = array("i", bytes(4 * d.HEAD_SIZE))
@@ -91,9 +91,10 @@ def estimate(cases, results):
                 at += 1
             results[at] = decode.state[d.WANTED]
             at += 1
-            for k in range(d.STICK, d.BEYOND):
-                results[at] = decode.state[k]
-                at += 1
+            for k in range(d.STICK, d.STATE_SIZE):
+                if k != d.BEYOND:  # only in portable code
+                    results[at] = decode.state[k]
+                    at += 1
 
 
 def prepare_unstick(cases):
