@@ -54,6 +54,13 @@ FINGERS = (
         "two-fingers",
         {},
     ),
+    (
+        "two fingers that touch within 15 ms, 20 to 45 mm apart, after each single touch",
+        "together",
+        {},
+    ),
+    ("the same, 10 to 20 mm apart", "together-near", {}),
+    ("the same, 20 to 45 mm apart, without single touches", "chords", {}),
 )
 _SECONDS = 10.0
 _TEXT = """# Typing and controller, on simulated strips

@@ -2,7 +2,9 @@
 
 Run it with ``python -m spots_sim.demo.typing_speed 60 100``; the arguments are speeds in
 words a minute. In place of a speed, ``people`` measures ten people who type at their own speeds,
-one in each run, and ``two-fingers`` measures touches of two fingers at the same time.
+one in each run, and ``two-fingers`` measures touches of two fingers at the same time. ``together``
+and ``together-near`` measure two fingers that touch within 15 ms, among single touches, ``chords``
+such fingers again and again.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from spots_device import __version__
 
 from ..person.hands import HANDS
 from ..person.stage import calibrate
-from ..person.typist import fast_typing, two_fingers
+from ..person.typist import fast_typing, together, two_fingers
 from ..strip.files import ScenarioFile, SensorFile, load
 from ..strip.scenario import Scenario
 from .demo import open_fast
@@ -29,12 +31,18 @@ from .demo_applications import type_on_board
 
 _COUNTS = "touches", "right", "wrong", "missed", "extra", "no_finger", "stuck"
 PEOPLE, TWO_FINGERS = "people", "two-fingers"
+# Fingers that do not type one after the other; arguments of `typist.together`.
+_TOGETHER = {
+    "together": {},
+    "together-near": {"apart_mm": (10.0, 20.0)},
+    "chords": {"alone": True},
+}
 _SPEED = number("a speed in words a minute", 1, 1000)
 _SURE = 1.96  # standard deviations of a normal distribution in which 95 % of the values are
 
 
 def _who(text: str) -> float | str:
-    return text if text in (PEOPLE, TWO_FINGERS) else _SPEED(text)
+    return text if text in (PEOPLE, TWO_FINGERS, *_TOGETHER) else _SPEED(text)
 
 
 def typed(
@@ -52,14 +60,14 @@ def typed(
     """Type random keys on a virtual board in simulated time, and return the results.
 
     `who` is a speed in words a minute, of five keys each; `PEOPLE` for the person number `seed`
-    modulo 10 at the own speed, see `typist.fast_typing`; or `TWO_FINGERS` for pairs of fingers,
-    which always have the usual hands. `rezeroed`, `warm` and `lines` are those of `demo.open_fast`.
-    `world` has other attributes of `files.ScenarioFile`, such as ``bend_deg``. The results are
-    those of `demo_applications.type_on_board`; ``late_ms`` is the latency of each correct press.
+    modulo 10 at the own speed, see `typist.fast_typing`; or `TWO_FINGERS` or a key of `_TOGETHER`
+    for pairs of fingers, which always have the usual hands. `rezeroed`, `warm` and `lines` are
+    those of `demo.open_fast`. `world` has other attributes of `files.ScenarioFile`, such as
+    ``bend_deg``. The results are those of `demo_applications.type_on_board`; ``late_ms`` is the
+    latency of each correct press.
     """
     what = load_layout(layout), touches, load(SensorFile, sensor).length_mm, seed
-    file = two_fingers(*what) if who == TWO_FINGERS else _file(who, *what, hands)
-    file = replace(file, **(world or {}))
+    file = replace(_file(who, *what, hands), **(world or {}))
     truth = Scenario(file)
     board, _ = open_fast(sensor, truth, seed, rezeroed=rezeroed, warm=warm, lines=lines)
     late_ms: list[float] = []
@@ -70,6 +78,10 @@ def typed(
 
 
 def _file(who, layout, touches, length_mm, seed, hands) -> ScenarioFile:
+    if who == TWO_FINGERS:
+        return two_fingers(layout, touches, length_mm, seed)
+    if who in _TOGETHER:
+        return together(layout, touches, length_mm, seed, **_TOGETHER[who])
     words_per_min = None if who == PEOPLE else who
     return fast_typing(layout, words_per_min, touches, length_mm, seed, hands=HANDS[hands])
 
@@ -134,7 +146,8 @@ def main() -> None:
         "who",
         type=_who,
         nargs="+",
-        help=f"speed in words a minute, of five keys each; or {PEOPLE}, or {TWO_FINGERS}",
+        help="speed in words a minute, of five keys each; or one of "
+        + ", ".join((PEOPLE, TWO_FINGERS, *_TOGETHER)),
     )
     parser.add_argument(
         "--touches", type=int, default=150, help="number of touches in each run (150)"

@@ -209,21 +209,9 @@ def fast_typing(
     for _ in range(touches):
         x_mm, now_s = _free_place(layout, length_mm, hands.apart_mm, taken, now_s, rng)
         held_s = times.held_s(rng)
-        rise_s, fall_s = (
-            min(rng.uniform(*limits), hands.ramp_share * held_s)
-            for limits in (hands.rise_s, hands.lift_s)
-        )
-        force_mN = hands.force_mN * np.exp(hands.force_spread * rng.normal())
-        force_mN = float(np.clip(force_mN, 800, 6000))
-        rolled_mm = x_mm + rng.normal(0, hands.roll_mm)
-        end_s = now_s + held_s
-        points = [
-            (now_s, x_mm, 0.0),
-            (now_s + rise_s, x_mm, force_mN),
-            (end_s - fall_s, rolled_mm, force_mN),
-            (end_s, rolled_mm, 0.0),
-        ]
+        points = _tap(now_s, x_mm, held_s, hands, rng)
         fingers.append(_finger(points, length_mm, hands, habits))
+        end_s, rolled_mm, _ = points[-1]
         taken.append((rolled_mm, end_s + hands.same_s))
         now_s += times.interval_s(rng)
     end_s = max(finger.points[-1][0] for finger in fingers) + 0.5
@@ -285,6 +273,63 @@ def two_fingers(
             fingers.append(_finger(points, length_mm, hands, rng))
         now_s = ends_s[-1] + rng.uniform(0.3, 0.4)
     return ScenarioFile(seconds=float(now_s) + 1.0, touch=fingers)
+
+
+def together(
+    layout: KeyLayout,
+    touches: int,
+    length_mm: float,
+    seed: int = 0,
+    apart_mm: tuple[float, float] = (20.0, 45.0),
+    alone: bool = False,
+    start_s: float = 3.0,
+) -> ScenarioFile:
+    """Return the scenario of a person whose fingers touch two keys together, again and again.
+
+    The distance of the two fingers is within `apart_mm`; the second one touches 0 to 15 ms after
+    the first one. A touch of one finger follows each pair and comes before the first one, except
+    with `alone`. Each touch lasts as long as one of a random person of `times.PEOPLE`; pauses are
+    120 to 250 ms (*assumed*). Only keys of the first layer are touched, and each with a tap.
+    """
+    rng = np.random.default_rng((seed, 2))
+    now_s = start_s + rng.uniform(0.0, 0.01)
+    fingers: list[Finger] = []
+    places_mm = [] if alone else [length_mm * _place(layout, rng)]
+    while len(fingers) < touches:
+        ends_s = []
+        for x_mm in places_mm:
+            held_s = PEOPLE[rng.integers(len(PEOPLE))].held_s(rng)
+            began_s = now_s + (rng.uniform(0.0, 0.015) if ends_s else 0.0)
+            points = _tap(began_s, x_mm, held_s, USUAL, rng)
+            fingers.append(_finger(points, length_mm, USUAL, rng))
+            ends_s.append(points[-1][0])
+        now_s = max(ends_s, default=now_s) + rng.uniform(0.12, 0.25)
+        if len(places_mm) == 2 and not alone:
+            places_mm = [length_mm * _place(layout, rng)]
+            continue
+        while True:
+            places_mm = [length_mm * _place(layout, rng) for _ in range(2)]
+            if apart_mm[0] <= abs(places_mm[1] - places_mm[0]) <= apart_mm[1]:
+                break
+    return ScenarioFile(seconds=float(now_s) + 1.0, touch=fingers)
+
+
+def _tap(began_s: float, x_mm: float, held_s: float, hands: Hands, rng) -> list[tuple]:
+    # Returns the path of a finger that taps: times in s, positions in mm, forces in mN.
+    rise_s, fall_s = (
+        min(rng.uniform(*limits), hands.ramp_share * held_s)
+        for limits in (hands.rise_s, hands.lift_s)
+    )
+    force_mN = hands.force_mN * np.exp(hands.force_spread * rng.normal())
+    force_mN = float(np.clip(force_mN, 800, 6000))
+    rolled_mm = x_mm + rng.normal(0, hands.roll_mm)
+    end_s = began_s + held_s
+    return [
+        (began_s, x_mm, 0.0),
+        (began_s + rise_s, x_mm, force_mN),
+        (end_s - fall_s, rolled_mm, force_mN),
+        (end_s, rolled_mm, 0.0),
+    ]
 
 
 def _place(layout: KeyLayout, rng) -> float:
