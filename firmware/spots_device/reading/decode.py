@@ -129,7 +129,7 @@ STATE_SIZE = 101
 OFF_MAX = 1 << 20  # Q12
 NONE = 1 << 24  # um or Q12: a value that is unknown
 MOVES_US = 50_000  # us: a touch that moves so early may be of two fingers
-MOVED_UM = 500  # um: largest motion of one finger between two firm readings
+MOVED_UM = 800  # um: largest motion of one finger between two firm readings
 
 COUNT_MAX_Q12 = 65_535 << 12  # largest count
 

@@ -16,9 +16,9 @@ from .. import const
 from ..sensor.smux import CHANNELS
 from . import decode as d
 
-# Limit of the excess in standard deviations, squared, times `_ONE`: 1.3. One of ten touches of one
-# finger exceeds it in its second reading, and is typed one reading later.
-_LIMIT = const(6922)
+# Limit of the excess in standard deviations, squared, times `_ONE`: 1.6. One of twenty touches of
+# one finger exceeds it in its second reading, and is typed one reading later.
+_LIMIT = const(10486)
 _ONE = const(4096)  # a weight is this, divided by a variance
 _EXCESS_MAX = const(127)  # Q12
 # Variance of a count: rounding and noise of sample and dark frame, and shot noise. Q8.
