@@ -2,15 +2,18 @@
 
 Needs libxkbcommon, and the data of xkb-data and libx11-data::
 
-    python tools/host_layouts.py
+    python tools/host_layouts.py FOLDER
 
 The layouts are facts of xkb-data, whose licence is that of X.Org (MIT). A dead key with the next
 key makes a character by the Compose file of a locale. A sequence that the locale of a layout and
-en_US do not agree on is left out.
+en_US do not agree on is left out. Those of Windows are facts of WorldAlphabets (MIT): FOLDER is its
+folder ``data/layouts``.
 """
 
+import json
 import re
 import subprocess
+import sys
 import unicodedata
 from pathlib import Path
 
@@ -53,38 +56,52 @@ LAYOUTS = {
     "jp": ("jp", "ja_JP"),
     "kr": ("kr", "ko_KR"),
 }
-# Characters of AltGr on Windows, from the comments of QMK's quantum/keymap_extras and Microsoft's
-# pictures of its layouts (€ on E): pairs of the character on an American keyboard (< is the key
-# beside left shift) and the typed character. With shift, a letter is its capital. ~´`^¨ may be dead
-# keys. A pair counts only if Linux types the same with this key.
+# Tables of Windows in WorldAlphabets. Windows has no Colemak; the Japanese table there is that of
+# another keyboard.
 WINDOWS = {
-    "us-intl": r"1¡ 2² 3³ 4¤ 5€ 6¼ 7½ 8¾ 9‘ 0’ -¥ =× qä wå eé r® tþ yü uú ií oó pö [« ]» \¬ aá sß "
-    "dð lø ;¶ zæ c© nñ mµ ,ç /¿",
-    "uk": "`¦ 4€ eé uú ií oó aá",
-    "de": r"2² 3³ 7{ 8[ 9] 0} -\ q@ e€ ]~ mµ <|",
-    "ch": r"-´ =~ 1¦ 2@ 3# 6¬ 7| 8¢ e€ [[ ]] '{ <\ \}",
-    "ch-fr": r"-´ =~ 1¦ 2@ 3# 6¬ 7| 8¢ e€ [[ ]] '{ <\ \}",
-    "fr": r"2~ 7` 3# 4{ 5[ 6| 8\ 0@ -] =} e€ ]¤",
-    "be": r"'´ \` <\ 1| 2@ 3# 6^ 9{ 0} e€ [[ ]]",
-    "es": r"`\ 1| 2@ 3# 4~ e€ 6¬ [[ ]] '{ \}",
-    "latam": r"`¬ -\ q@ ]~ '^ \`",
-    "it": "e€ [[ ]] [{ ]} ;@ '#",
-    "pt": "2@ 3£ 4§ 7{ 8[ 9] 0} e€",
-    "br": "1¹ 2² 3³ 4£ 5¢ 6¬ =§ e° [ª ]º",
-    "se": r"2@ 3£ 4$ e€ 7{ 8[ 9] 0} -\ ]~ <| mµ",
-    "fi": r"2@ 3£ 4$ e€ 7{ 8[ 9] 0} -\ ]~ <| mµ",
-    "no": "2@ 3£ 4$ e€ 7{ 8[ 9] 0} =´ ]~ mµ",
-    "dk": r"2@ 3£ 4$ e€ 7{ 8[ 9] 0} =| ]~ <\ mµ",
-    "pl": "eę u€ oó aą sś lł zż xź cć nń",
-    "cz": r"1~ q\ w| e€ f[ g] ;$ 'ß x# c& v@ b{ n} ,< .> /*",
-    "sk": r"1~ 7` q\ w| e€ p' [÷ ]× sđ dĐ f[ g] kł lŁ ;$ 'ß z> x# v@ b{ n} <<",
-    "hu": r"1~ 7` q\ w| u€ [÷ ]× sđ dĐ f[ g] kł lŁ ;$ 'ß \¤ z> x# c& v@ b{ n} ,; /* <<",
-    "tr": r"2£ 3# 4$ 5½ 7{ 8[ 9] 0} -\ =| q@ e€ t₺ aæ sß [¨ ]~ ;´ ,`",
+    "us": "en-us",
+    "us-intl": "en-united-states-international",
+    "us-dvorak": "en-united-states-dvorak",
+    "uk": "en-united-kingdom",
+    "de": "de-german",
+    "ch": "de-swiss-german",
+    "ch-fr": "fr-swiss-french",
+    "fr": "fr-french-legacy-azerty",
+    "be": "fr-belgian-french",
+    "ca": "fr-canadian-french",
+    "es": "es-spanish",
+    "latam": "es-latin-american",
+    "it": "it-italian",
+    "pt": "pt-portuguese",
+    "br": "pt-portuguese-brazil-abnt2",
+    "se": "sv-swedish",
+    "no": "no-norwegian",
+    "dk": "da-danish",
+    "fi": "fi-finnish",
+    "pl": "pl-polish-programmers",
+    "cz": "cs-czech",
+    "sk": "sk-slovak",
+    "hu": "hu-hungarian",
+    "ro": "ro-romanian-programmers",
+    "tr": "tr-turkish-q",
+    "kr": "ko-korean",
 }
+SOURCE = "github.com/willwade/WorldAlphabets, 59d856c"
+# Scan codes of the set 1 in the order of `hosts.KEYS`.
+SCAN_CODES = (  # noqa: SIM905
+    "1E 30 2E 20 12 21 22 23 17 24 25 26 32 31 18 19 10 13 1F 14 16 2F 11 2D 15 2C "
+    "02 03 04 05 06 07 08 09 0A 0B 0C 0D 1A 1B 2B 27 28 29 33 34 35 39 56 73 7D"
+).split()
+LEGENDS = ("base", "shift", "altgr", "shift_altgr")
+# Names in XKB of the dead keys of Windows. American keyboards have ' and " for two of them.
+ACCENTS = {
+    "´": "acute", "'": "acute", "`": "grave", "^": "circumflex", "~": "tilde", "¨": "diaeresis",
+    '"': "diaeresis", "ˇ": "caron", "˘": "breve", "°": "abovering", "˛": "ogonek", "˙": "abovedot",
+    "˝": "doubleacute", "¸": "cedilla",
+}  # fmt: skip
 SHIFT, ALT_GR = 42, 100  # Linux's codes of left shift and right alt
 LEVELS = ((), (SHIFT,), (ALT_GR,), (SHIFT, ALT_GR))
 DEAD = "dead_"
-DEAD_KEYS = {"~": "tilde", "´": "acute", "`": "grave", "^": "circumflex", "¨": "diaeresis"}
 
 
 def codes():
@@ -132,22 +149,41 @@ def token(text):
     return text
 
 
-def on_windows(name, rows):
-    """Return the keys that type the same with AltGr on Windows, as words of the file."""
-    usages = {one.pynput: one.usage for one in reversed(USAGES.values()) if one.page == 7}
-    usages["<"] = 0x64
-    words = []
-    for key, character in WINDOWS.get(name, "").split():
-        column = hosts.KEYS.index(usages[key])
-        same = character, DEAD + DEAD_KEYS.get(character, "")
-        levels = [level for level, row in enumerate(rows[2:]) if row[column] in same][:1]
-        if character.isalpha() and levels == [0] and rows[3][column] == character.upper():
-            levels.append(1)
-        if not levels:
-            print(f"{name}: AltGr+{key} is {character} on Windows, {rows[2][column]} on Linux")
-        bits = (hosts.ALT_GR, hosts.ALT_GR | hosts.SHIFT)
-        words += [f"{bits[level]:02x}:{usages[key]:02x}" for level in levels]
-    return words
+def on_windows(name, folder):
+    """Return the rows of a layout on Windows, and pairs of each dead key; None if unknown."""
+    if name not in WINDOWS:
+        return None
+    found = json.loads((folder / f"{WINDOWS[name]}.json").read_text("utf-8"))
+    dead = {one["trigger"]: one["compose"].items() for one in found["dead_keys"] or []}
+    pairs = {
+        ACCENTS[one]: sorted(pair for pair in made if all(map(is_one, pair)))
+        for one, made in dead.items()
+    }
+    rows = [[""] * len(hosts.KEYS) for _ in LEVELS]
+    for key in found["keys"]:
+        if key["sc"] in SCAN_CODES:
+            column = SCAN_CODES.index(key["sc"])
+            for row, legend in zip(rows, LEGENDS):
+                text = key["legends"][legend] or ""
+                if key["dead"] and text in dead:
+                    row[column] = DEAD + ACCENTS[text]
+                elif is_one(text):
+                    row[column] = text
+    rows[0][hosts.KEYS.index(0x2C)] = " "
+    return rows, pairs
+
+
+def is_one(text):
+    """Return whether a text is one visible character."""
+    return len(text) == 1 and unicodedata.category(text)[0] != "C"
+
+
+def line_of_row(texts):
+    """Return a row as a line of the file."""
+    words = [token(text) for text in texts]
+    while words and words[-1] == hosts.NOTHING:
+        words.pop()
+    return " ".join(words) or hosts.NOTHING
 
 
 def is_typed(strokes, text, keyboard, code_of):
@@ -161,20 +197,17 @@ def is_typed(strokes, text, keyboard, code_of):
     return typed == text
 
 
-def block(name, code_of, rows, sequences):
-    """Return the lines of a layout."""
+def block(name, code_of, rows, windows, sequences):
+    """Return the lines of a layout; `windows` has rows and the numbers of `accent` lines."""
     xkb, language = LAYOUTS[name]
-    lines = [f"host {name} {xkb} {language}"]
-    for row in rows:
-        words = [token(text) for text in row]
-        while words[-1] == hosts.NOTHING:
-            words.pop()
-        lines.append(" ".join(words))
-    windows = on_windows(name, rows)
+    lines = [f"host {name} {xkb} {language}", *map(line_of_row, rows)]
     if windows:
-        lines.append("windows " + " ".join(windows))
+        lines.append(" ".join(map(str, ("windows", *windows[1]))))
+        linux = [*lines[1:], *[hosts.NOTHING] * (len(LEVELS) - len(rows))]
+        for line, row in zip(linux, map(line_of_row, windows[0])):
+            lines.append(hosts.SAME if row == line else row)
     tables, known = hosts.read([*sequences, *lines])
-    host = hosts.Host(tables[0], known)
+    host = hosts.Host(tables[0], known, hosts.LINUX)
     keyboards = [Xkb(xkb, EVERYWHERE), Xkb(xkb, f"{language}.UTF-8")]
     wrong = [
         one
@@ -187,8 +220,8 @@ def block(name, code_of, rows, sequences):
     return lines
 
 
-def main():
-    """Write the file."""
+def main(folder):
+    """Write the file; `folder` is ``data/layouts`` of WorldAlphabets."""
     code_of = codes()
     every = list(sequences(Xkb("us", EVERYWHERE)))
     found, used = {}, set()  # used: sequences whose keys a layout has
@@ -201,20 +234,33 @@ def main():
         texts = [text for one in sorted(used) if one[0] == dead for text in one[1:]]
         words = ",".join(map(token, dead)), *map(token, texts)
         dead_lines.append("dead " + " ".join(words))
+    windows, accents = {}, []
+    for name in LAYOUTS:
+        each = on_windows(name, folder)
+        if each:
+            own = [
+                f"accent {dead} {' '.join(map(token, sum(pairs, ())))}"
+                for dead, pairs in each[1].items()
+            ]
+            accents += [line for line in own if line not in accents]
+            windows[name] = each[0], [accents.index(line) for line in own]
     lines = ["# Written by tools/host_layouts.py from facts of these packages:"]
     for package in PACKAGES:
         version = subprocess.check_output(["dpkg-query", "-Wf", "${Version}", package], text=True)
         lines.append(f"# {package} {version}")
     lines += [
-        "# xkb-data and libx11-data have the licence MIT/X11. Windows: see tools/host_layouts.py.",
-        "# A dead key, and pairs of the next character and what it becomes. Then the hosts: name,",
-        "# name in XKB, locale; rows of characters, see `hosts.Table`.",
+        f"# Windows: {SOURCE}.",
+        "# All have the licence MIT, X11's or its own.",
+        "# A dead key, and pairs of the next character and what it becomes: on Linux, and in lines",
+        "# 'accent', numbered from 0, on Windows. Then the hosts: name, name in XKB, locale; rows",
+        "# of characters, see `hosts.Table`; numbers of the accents of Windows, and its rows.",
         *dead_lines,
+        *accents,
     ]
     for name in LAYOUTS:
-        lines += block(name, code_of, found[name], dead_lines)
+        lines += block(name, code_of, found[name], windows.get(name), dead_lines + accents)
     hosts.FILE.write_text("\n".join(lines) + "\n", "utf-8")
 
 
 if __name__ == "__main__":
-    main()
+    main(Path(sys.argv[1]))

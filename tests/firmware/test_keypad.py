@@ -11,6 +11,7 @@ from spots_device.fingers.state import TICKS
 from spots_device.keys.layout import (
     BALANCED,
     BEHAVIOUR,
+    CAPS_SIZE,
     CAPS_WORD,
     HOLD_PREFERRED,
     HOLD_TAP,
@@ -383,7 +384,7 @@ EVERYTHING = (
     f"behaviour 1 {TAP_DANCE} 200 3 {letter(20)} {letter(21)} {action(BEHAVIOUR, 0)}",
     f"behaviour 2 {MOD_MORPH} 2 0 {letter(22)} {letter(23)}",
     f"behaviour 3 {KEY_REPEAT}",
-    f"behaviour 4 {CAPS_WORD}",
+    f"behaviour 4 {CAPS_WORD}" + " 131586" * CAPS_SIZE,
     f"behaviour 5 {STICKY} 500 {letter(SHIFT)}",
     f"behaviour 6 {HOLD_TAP} 3 100 150 50 {action(BEHAVIOUR, 5)}",
     f"layer {letter(A)} {letter(B)}",

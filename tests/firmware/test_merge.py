@@ -87,11 +87,11 @@ def test_a_chord_of_modifiers_is_all_of_them():
     assert both.reports == [bytes((6, *bytes(7))), bytes(8)]
 
 
-def test_a_modifier_and_its_key_are_one_report_and_one_event():
+def test_a_modifier_is_a_report_before_its_key_and_no_event():
     both = Both()
     both.press("LEFT_SHIFT+1")
     both.release("LEFT_SHIFT+1")
-    assert [report[:3] for report in both.reports] == [b"\2\0\x1e", b"\0\0\0"]
+    assert [report[:3] for report in both.reports] == [b"\2\0\0", b"\2\0\x1e", b"\0\0\0"]
     assert both.keys == [(7, 30, 2, True), (7, 30, 0, False)]
 
 

@@ -36,14 +36,13 @@ def test_a_text_of_all_steps_comes_out_beside_keys_that_are_typed_meanwhile():
     made = bench(f'{{text = "{text}"}}, "F1", "F2", "F3"')
     made.tap("t", FOUR[0])
     typed = ""
-    for _ in range(14):  # one every 0.12 s: as 100 words a minute, while the text takes 2 s
+    for _ in range(14):  # one every 0.12 s: as 100 words a minute, while the text takes longer
         i = chosen.randint(1, 3)
         made.tap("f", FOUR[i], 50)
         made.at(made.ms + 70)
         typed += f"<00 F{i}>"
     assert made.engine._types()
-    assert wait(made) == text + typed
-    # At most five steps a reading of 10 ms, which have ten reports.
+    assert wait(made, 40_000) == text + typed
     presses = [event for event in made.events if event[3]]
     assert len(presses) == y.STEPS_MAX + 14
 
@@ -82,7 +81,7 @@ def test_a_text_that_is_ended_at_100_random_moments_leaves_no_key_down(how):
         assert not made.keyboard.computer.down
         assert spaced(made.keyboard.computer.text) == before
         assert "Hello World, How Are You?".startswith(before)
-        assert (made.keyboard.merger.down, made.keyboard.merger.masked) == (0, 0)
+        assert made.keyboard.merger.down == made.keyboard.merger._wanted() == 0
 
 
 @pytest.mark.parametrize("after", range(10))
@@ -102,18 +101,18 @@ def test_an_interrupt_within_a_step_leaves_no_key_down(after):
     made.usage = usage
     made.engine.release()
     assert not made.keyboard.computer.down
-    assert made.keyboard.merger.down == made.keyboard.merger.masked == 0
+    assert made.keyboard.merger.down == made.keyboard.merger._wanted() == 0
     assert not any(made.keyboard.merger._counts)
 
 
 def test_dropped_reports_end_the_text():
     made = bench('{text = "hello world"}, "B", "C", "D"')
     made.press("t", FOUR[0])
-    made.at(made.ms + 10)
+    made.at(made.ms + 30)
     made.keyboard.merger.drops += 1
     made.release("t")
     made.tap("b", FOUR[1])
-    assert wait(made) == "hello worlb"
+    assert wait(made) == "helb"
 
 
 def test_waits_take_their_time_and_media_keys_their_modifiers():
@@ -199,7 +198,7 @@ LINES = ["text 4 5", "behaviour 0 7 0 2", "layer 0 0", "key 0 1000 5242880 0 0 0
     [
         {0: "text 4 65536"},
         {0: "text"},
-        {0: "text 4 237"},  # no such usage
+        {0: "text 4 239"},  # no such usage
         {1: "behaviour 0 7 0 3"},
         {1: "behaviour 0 7 2 1"},
         {1: "behaviour 0 7 0 0"},

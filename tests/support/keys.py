@@ -48,7 +48,7 @@ class Desk:
         self.objects = 0
         self.now_ms = (TICKS * 1024 // 1000) - 300  # the ticks wrap after 300 ms
         self.pad = Keypad(self, Merger())
-        self.pad.set_layout(parse(lines), number(length_um), number(decay))
+        self.pad.set_layout(parse(["tap_ms 0", *lines]), number(length_um), number(decay))
         self.lift(60)
 
     @property

@@ -65,7 +65,9 @@ def cases():
 
 def played(case):
     """Return a `Bench` that has played a case."""
-    bench = Bench(compiled(Path("case"), case.layout(1)).lines)
+    lines = compiled(Path("case"), case.layout(1)).lines
+    # ZMK releases a tapped key at once.
+    bench = Bench(["tap_ms 0" if line.startswith("tap_ms ") else line for line in lines])
     for ms, is_press, switch in case.events:
         bench.at(ms)
         if is_press:

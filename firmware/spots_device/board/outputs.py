@@ -21,7 +21,7 @@ INTERFACES = (
     ("gamepad", "gamepad", 0),
 )
 _NONE = const(-1)
-_EVENTS = const(16)  # key events that wait; `engine.Engine.release` causes 11 at most
+_EVENTS = const(16)  # key events that wait; `engine.Engine.release` causes 15 at most
 _NO_MEMORY = "no memory is left for keys and contacts: save and reboot"
 
 

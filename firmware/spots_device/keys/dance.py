@@ -28,6 +28,7 @@ class Dance:
         self._of = i
         self._since = t
         self._taps += 1
+        self._hidden |= self._engine.hidden
         if self._is_last() and not self._hold():
             self._decide(t)
 
@@ -45,19 +46,16 @@ class Dance:
     def tick(self, t):
         """Decide what gets no further tap; return whether there was something."""
         if self._taps and past(self._since, t) >= self._engine.layout.behaviours[self._which + 1]:
-            hold = self._hold()
-            if not hold or self._of < 0:
-                return self._decide(t)
-            i = self._of
-            self.forget()
-            self._engine.then(i, hold, t)
-            return True
+            if self._of >= 0 and self._hold():
+                self._start(self._hold(), t)
+                return True
+            return self._decide(t)
         return False
 
     def forget(self):
         """Drop a dance that is not decided."""
         self._which = self._row = self._of = _NONE
-        self._taps = self._since = 0
+        self._taps = self._since = self._hidden = 0
 
     def _is_last(self):
         return self._taps == self._engine.layout.behaviours[self._which + 2]
@@ -71,12 +69,16 @@ class Dance:
     def _decide(self, t):
         if not self._taps:
             return False
+        self._start(self._engine.layout.behaviours[self._which + 2 + self._taps], t)
+        return True
+
+    def _start(self, action, t):
         engine = self._engine
-        action = engine.layout.behaviours[self._which + 2 + self._taps]
         i = self._of
+        row = self._row
+        engine.hidden = self._hidden
         self.forget()
         if i >= 0:
             engine.then(i, action, t)
         else:
-            engine.click(action, t)
-        return True
+            engine.click(row, action, t)

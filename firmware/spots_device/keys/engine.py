@@ -23,8 +23,9 @@ The time of an event counts, not when it arrives: if the time of the open switch
 of an event, the end of its time decides first. The release of a switch that was pressed before the
 open one does not wait, unless this switch holds a modifier.
 
-Events also wait while the outbox of USB reports is full, and during a text (see text.py). Times are
-in ticks (see fingers/state.py). Integers only; allocates nothing but in `set_layout` with another
+Events also wait while the outbox of USB reports is full, and during a text (see text.py). A tapped
+key of the computer stays down for ``tap_ms`` of the layout, which delays no other key. Times are in
+ticks (see fingers/state.py). Integers only; allocates nothing but in `set_layout` with another
 layout.
 
 The stack of an RP2040 has 8 KB, enough for 25 nested calls. So the methods that report an event
@@ -47,6 +48,10 @@ _PRESS = const(0)
 _RELEASE = const(1)
 _IS_FIRM = const(2)
 _EVENT = const(4)
+
+_BRIEF = const(4)  # tapped keys that are down at the same time
+_CAPS_LOCK = const(0x700039)  # action of caps lock
+_USAGE = const(0x1F00FFF)  # bits of an action without those of its modifiers
 
 # What decides an open switch.
 _OWN_UP = const(0)
@@ -77,7 +82,10 @@ class Engine:
         self._most = 0
         self._make_switches(w.SWITCHES, _QUEUE)
         self._momentary = bytearray(y.LAYERS_MAX)  # switches that hold each layer
-        self._sticky = self._dance = self._morph = self._repeat = self._caps = self._moves = None
+        self._brief = array("i", bytes(8 * _BRIEF))  # tapped keys: action, or 0, and ticks
+        self._briefs = 0  # how many
+        self._t = 0
+        self._sticky = self._dance = self._morph = self._repeat = self.caps = self._moves = None
         self._text = None
         self._clear()
 
@@ -92,7 +100,7 @@ class Engine:
             self.layout = layout
 
     def _make_behaviours(self, layout):
-        self._sticky = self._dance = self._morph = self._repeat = self._caps = self._moves = None
+        self._sticky = self._dance = self._morph = self._repeat = self.caps = self._moves = None
         self._text = None
         # A board has no memory for behaviours that its layout does not use.
         if layout.moves:
@@ -119,7 +127,7 @@ class Engine:
             elif kind == y.CAPS_WORD:
                 from .caps import CapsWord
 
-                self._caps = CapsWord(self)
+                self.caps = CapsWord(self)
             elif kind == y.TEXT:
                 from .text import Text
 
@@ -189,6 +197,9 @@ class Engine:
 
         All events up to the time `t` have been reported.
         """
+        self._t = t
+        if self._briefs and self.sink.has_room():
+            self._release_brief(False)
         if self._text is not None:
             self._text.tick(t)
         self.run()
@@ -218,9 +229,10 @@ class Engine:
         return self._text is not None and self._text.busy
 
     def forget(self):
-        """Drop pending double taps, and what is sticky for the next key; end a text."""
+        """Drop pending double taps, and what is sticky for the next key; end texts and taps."""
         if self._text is not None:
             self._text.forget()
+        self._release_brief(True)
         self._due = self._tapped = _NONE
         if self._dance is not None:
             self._dance.forget()
@@ -236,8 +248,8 @@ class Engine:
                 self._end(i, 0)
                 self.switches[at + w.ACTION] = 0
             self.switches[at] = w.FREE
-        if self._caps is not None:
-            self._caps.forget()
+        if self.caps is not None:
+            self.caps.forget()
         self._clear()
         self.forget()
 
@@ -512,7 +524,7 @@ class Engine:
     def _tap_due(self, t):
         row = self._due
         self._due = self._due_of = _NONE
-        self.click(self.layout.keys[row + y.TAP], t)
+        self.click(row, self.layout.keys[row + y.TAP], t)
 
     def _is_late(self, t):
         # Decides one thing whose time is over at the time `t`; returns whether there was one.
@@ -556,8 +568,9 @@ class Engine:
         self._next_action = action
         self._next_t = t
 
-    def click(self, action, t):
-        """Press and release an action next, for no switch."""
+    def click(self, row, action, t):
+        """Press and release an action of the key `row` next, for no switch."""
+        self.switches[self._most * w.SIZE + w.ROW] = row
         self.then(self._most, action, t)
 
     def _perform(self):
@@ -567,6 +580,8 @@ class Engine:
         action = self._next_action
         self._next_action = self._next_of = _NONE
         self._start(i, action, t)
+        if self._next_action < 0:
+            self.hidden = 0
         if self._next_of != i and self.switches[i * w.SIZE] != w.PRESSED:
             self._end(i, t)
             self.switches[i * w.SIZE + w.ACTION] = 0
@@ -596,11 +611,14 @@ class Engine:
                 self._momentary[each] = 0
 
     def _press_key(self, i, action, t):
-        if self._caps is not None:
-            action = self._caps.shifted(action)
-        if not self.merger.press(self.sink, action):
+        if self.caps is not None:
+            action = self.caps.shifted(action, self.merger.held())
+        if self._briefs:
+            self._make_way()
+        if not self.merger.press(self.sink, action, self.hidden):
             action = 0
         self.switches[i * w.SIZE + w.ACTION] = action
+        self.switches[i * w.SIZE + w.BEGAN] = self._t
         is_modifier = action >> 20 == y.KEYBOARD and action & 0xFFF >= MODIFIERS_FROM
         if not is_modifier:
             self._key_t = t
@@ -629,7 +647,7 @@ class Engine:
         elif kind == y.KEY_REPEAT:
             self._repeat.press(i, t)
         elif kind == y.CAPS_WORD:
-            self._caps.press()
+            self.caps.press(n)
         elif kind == y.TEXT:
             self._begin_text(n, number, t)
 
@@ -644,9 +662,60 @@ class Engine:
             if self._sticky is not None:
                 self._sticky.release(i, t)
         elif kind >= y.KEYBOARD:
-            self.merger.release(self.sink, action)
+            self.release_later(action, self.switches[i * w.SIZE + w.BEGAN])
         if self._morph is not None:
             self._morph.released(i)
+
+    def least_t(self, action):
+        """Return the ticks for which a key of the computer is down at least."""
+        layout = self.layout
+        if action & _USAGE == _CAPS_LOCK:
+            return max(layout.tap_t, layout.caps_lock_t)
+        return layout.tap_t
+
+    def release_later(self, action, since):
+        """Release an action that was pressed at `since`, or soon if that was just now."""
+        if past(since, self._t) >= self.least_t(action):
+            self.merger.release(self.sink, action)
+            return
+        b = self._brief
+        if self._briefs == _BRIEF:
+            self._drop_brief(0)
+        at = 2 * self._briefs
+        b[at] = action
+        b[at + 1] = since
+        self._briefs += 1
+
+    def _release_brief(self, every):
+        # Releases the tapped keys whose time is over, or all.
+        b = self._brief
+        k = 0
+        while k < self._briefs:
+            if every or past(b[2 * k + 1], self._t) >= self.least_t(b[2 * k]):
+                self._drop_brief(k)
+            else:
+                k += 1
+
+    def _make_way(self):
+        # Before another key: a tapped modifier is not for it, and there is a place for it.
+        b = self._brief
+        k = 0
+        while k < self._briefs:
+            if b[2 * k] >> 20 == y.KEYBOARD and b[2 * k] & 0xFFF >= MODIFIERS_FROM:
+                self._drop_brief(k)
+            else:
+                k += 1
+        if self._briefs and not self.merger.has_place():
+            self._drop_brief(0)
+
+    def _drop_brief(self, k):
+        b = self._brief
+        self.merger.release(self.sink, b[2 * k])
+        self._briefs -= 1
+        while k < self._briefs:
+            b[2 * k] = b[2 * k + 2]
+            b[2 * k + 1] = b[2 * k + 3]
+            k += 1
 
     def row_of(self, i):
         """Return the row of the key of the switch `i`."""
@@ -740,6 +809,6 @@ class Engine:
         self._tapped_t = self._due_t = 0
         self._key_t = _NONE
         self._was_sticky = False
-        self._on = 0
+        self._on = self.hidden = 0
         for i in range(y.LAYERS_MAX):
             self._momentary[i] = 0

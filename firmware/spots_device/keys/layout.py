@@ -29,7 +29,7 @@ which stands before the lines that use it. After its number and kind, it has the
               then, if the key may also be held after these taps, the actions of the holds
 `MOD_MORPH`   bits of modifiers, bits of those that stay down, action without them, action with one
 `KEY_REPEAT`  none
-`CAPS_WORD`   none
+`CAPS_WORD`   how it changes each key of the computer, see caps.py
 `TEXT`        first step and number of steps
 ============  ======================================================================================
 
@@ -37,7 +37,8 @@ Lines ``text STEP …`` contain the steps of all texts, numbered from 0. A step 
 usage of a key, which is pressed and released. With the usage 0, the upper byte is a pause in units
 of 10 ms. With a usage from `MEDIA_FROM` on, it is the lower byte of a usage of the consumer page,
 of which usage - `MEDIA_FROM` are the upper bits. With `NEXT_BITS`, it is the modifiers of the media
-key in the next step.
+key in the next step. With `PRESS`, the upper byte is the usage of a key that is pressed and stays
+down, until `RELEASE` with this usage or the end of the text.
 
 The keys of a layer are in ascending order and do not overlap. A press between two keys has no
 action until the finger reaches a key. Of the layers that are on, the last one counts.
@@ -65,6 +66,8 @@ HOLD_TAP, STICKY, TAP_DANCE, MOD_MORPH, KEY_REPEAT, CAPS_WORD, TEXT = range(1, 8
 # In steps of texts: these usages are not in use on HID's keyboard page.
 MEDIA_FROM = 0xE8
 NEXT_BITS = 0xEC
+PRESS = 0xED
+RELEASE = 0xEE
 
 HOLD_PREFERRED = 0
 BALANCED = 1
@@ -79,6 +82,7 @@ LAYERS_MAX = 8
 KEYS_MAX = 128
 BEHAVIOURS_MAX = 64
 STEPS_MAX = 1024  # of all texts
+CAPS_SIZE = 19  # integers of a `CAPS_WORD`
 
 # Name of a statement: minimum, maximum, default. docs/type/layouts.md explains the statements.
 LIMITS = {
@@ -97,9 +101,13 @@ LIMITS = {
     "double_ms": (10, 60_000, 250),
     "firm_ms": (10, 60_000, 80),
     "swipe_ms": (10, 60_000, 250),
+    "tap_ms": (0, 1_000, 20),  # least time that a tapped key of the computer is down
+    "caps_lock_ms": (0, 1_000, 0),  # the same for caps lock, if it is longer
+    "text_ms": (0, 1_000, 8),  # the same for a key of a text, and for its modifiers before it
     "stuck_ms": (0, 3_600_000, 30_000),  # 0: a touch without motion is a finger for any duration
     "flavor": (HOLD_PREFERRED, TAP_UNLESS_INTERRUPTED, BALANCED),
 }
+_LEAST = ("tap_ms", "caps_lock_ms", "text_ms")
 _USAGES = {KEYBOARD: (1, 0xE7), SYSTEM: (0x81, 0x83), MOUSE: (1, WHEEL + 3), CONSUMER: (1, 0xFFF)}
 _LAYER_ACTIONS = (MOMENTARY, TOGGLE, TO)
 # Kind of a behaviour: least and largest count of its numbers, and how many are no actions.
@@ -109,7 +117,7 @@ _SHAPES = {
     TAP_DANCE: (4, 18, 2),
     MOD_MORPH: (4, 4, 2),
     KEY_REPEAT: (0, 0, 0),
-    CAPS_WORD: (0, 0, 0),
+    CAPS_WORD: (CAPS_SIZE, CAPS_SIZE, CAPS_SIZE),
     TEXT: (2, 2, 2),
 }
 
@@ -212,7 +220,9 @@ def parse(lines):
     )
     layout.pages = tuple(sorted(pages))
     for name, value in values.items():
-        if name.endswith("_ms"):
+        if name in _LEAST:
+            setattr(layout, name[:-2] + "t", -_ticks(-value))  # rounded up
+        elif name.endswith("_ms"):
             setattr(layout, name[:-2] + "t", _ticks(value))
         else:
             setattr(layout, name, value)
@@ -270,7 +280,7 @@ def _check_text(steps, first, count, pages):
         raise LayoutError("a text has the steps %d to %d" % (first, first + count - 1))
     pages.add(KEYBOARD)
     for i in range(first, first + count):
-        if steps[i] & 0xFF > NEXT_BITS:
+        if steps[i] & 0xFF > RELEASE:
             raise LayoutError("the step %d is invalid" % steps[i])
         if MEDIA_FROM <= steps[i] & 0xFF < NEXT_BITS:
             pages.add(CONSUMER)

@@ -6,7 +6,8 @@ a computer would see no change otherwise. There are two kinds of modifiers:
 - A modifier key, or a chord that ends with one (``LEFT_ALT+LEFT_SHIFT``), is down as long as its
   key is pressed.
 - The modifiers before another key (``LEFT_SHIFT+1``) belong to this key. They end with it, or when
-  another key is pressed: a roll from ``!`` to ``=`` must not type ``+``.
+  another key is pressed: a roll from ``!`` to ``=`` must not type ``+``. The same is true for the
+  modifier keys that are hidden from a key, such as that of a mod-morph.
 
 Integers only; allocates nothing after construction.
 """
@@ -34,8 +35,6 @@ class Merger:
     ----------
     down : int
         Bits of all modifier keys that are down.
-    masked : int
-        Bits of the modifier keys that `mask` has released.
     drops : int
         How often reports of this keyboard were dropped; the caller counts.
     """
@@ -44,19 +43,19 @@ class Merger:
         self._usages = array("i", bytes(4 * KEYS_MAX))  # pressed actions without modifiers, or 0
         self._counts = bytearray(KEYS_MAX)  # keys that press each of them
         self._held = bytearray(8)  # pressed actions that hold each modifier
-        self._own = self._owner = 0  # modifiers that belong to the action `_owner`
-        self.masked = self.drops = 0
+        # Modifiers that belong to the action `_owner`, and those that are hidden from it.
+        self._own = self._hidden = self._owner = 0
+        self._masked = self.drops = 0
+        self._instead = -1
         self.down = 0
 
-    def press(self, sink, action):
-        """Press the usage of an action; return False if too many usages are pressed."""
-        bits = self._holds(action)
-        if bits:
-            self._hold(bits, 1)
-            self._owner = self._own = 0
-            self._set(sink, self.down | bits)
-            self._set(sink, self._wanted())
-            sink.key(_KEYBOARD, action & 0xFFF, self.down, True)
+    def press(self, sink, action, hidden=0):
+        """Press the usage of an action; return False if too many usages are pressed.
+
+        The modifier keys of the bits `hidden` are released for it.
+        """
+        if self._holds(action):
+            self._press_modifiers(sink, action)
             return True
         at = self._find(action & _PLAIN)
         if at < 0:
@@ -69,11 +68,20 @@ class Merger:
         self._counts[at] += 1
         self._own = action >> 12 & 0xFF
         self._owner = action
+        self._hidden = hidden
         self._set(sink, self.down & self._wanted())
         self._set(sink, self._wanted())
         self._report(sink, action, True)
         sink.key(action >> 20, action & 0xFFF, self.down, True)
         return True
+
+    def _press_modifiers(self, sink, action):
+        bits = self._holds(action)
+        self._hold(bits, 1)
+        self._owner = self._own = self._hidden = 0
+        self._set(sink, self.down | bits)
+        self._set(sink, self._wanted())
+        sink.key(_KEYBOARD, action & 0xFFF, self.down, True)
 
     def release(self, sink, action):
         """Release the usage of an action that `press` has pressed."""
@@ -83,6 +91,7 @@ class Merger:
         else:
             at = self._find(action & _PLAIN)
             if at < 0:
+                self._set(sink, self._wanted())  # an interrupt may have been in between
                 return
             # In this order: an interrupt in between must not hide a pressed key.
             if self._counts[at] == 1:
@@ -90,7 +99,7 @@ class Merger:
                 self._usages[at] = 0
             self._counts[at] -= 1
             if action == self._owner:
-                self._own = self._owner = 0
+                self._own = self._hidden = self._owner = 0
         self._set(sink, self._wanted())
         sink.key(action >> 20, action & 0xFFF, self.down, False)
 
@@ -108,15 +117,30 @@ class Merger:
 
     def mask(self, sink, bits):
         """Release the modifier keys `bits` until `mask` is called again with other bits."""
-        self.masked = bits
+        self._masked = bits
         self._set(sink, self._wanted())
 
-    def _wanted(self):
+    def replace(self, sink, bits):
+        """Press these modifiers in place of all modifier keys; -1: the modifier keys again."""
+        self._instead = bits
+        self._set(sink, self._wanted())
+
+    def has_place(self):
+        """Return whether another usage may be pressed."""
+        return self._find(0) >= 0
+
+    def held(self):
+        """Return the bits of the modifier keys that are pressed, also of those that are hidden."""
         bits = 0
         for i in range(8):
             if self._held[i]:
                 bits |= 1 << i
-        return bits & ~self.masked | self._own
+        return bits
+
+    def _wanted(self):
+        if self._instead >= 0:
+            return self._instead | self._own
+        return self.held() & ~(self._masked | self._hidden) | self._own
 
     def _set(self, sink, bits):
         # Releases modifiers from the last one on and presses them from the first one on, as a

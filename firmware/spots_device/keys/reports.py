@@ -198,8 +198,9 @@ def is_pressed(report):
 class KeyboardReports:
     """Turns presses and releases of single usages into reports.
 
-    Events that belong together are one report, for example a modifier and its key. `merge.Merger`
-    makes the events.
+    What changes before a key is pressed, such as a modifier or the release of another key, is a
+    report before that of the key: a program that sees both at once may take the key first.
+    `merge.Merger` makes the events.
 
     Parameters
     ----------
@@ -219,7 +220,6 @@ class KeyboardReports:
         self.outbox = Outbox(send, ticks)
         self.unsent = False
         self._report = bytearray(REPORT_SIZE)
-        self._has_released = False  # a change that is not in the queue yet
 
     def key(self, usage, modifiers, pressed):
         """Process a key event; the caller then calls `flush`.
@@ -243,26 +243,23 @@ class KeyboardReports:
         if pressed == (at >= 0):
             return
         if pressed:
-            if self._has_released:
-                self.flush()  # it may be the same usage: a computer must see its release
+            self.flush()
             at = self._find(0)
             if at < 0:
                 return
-        else:
-            self._has_released = True
         report[2 + at] = usage if pressed else 0
         self.unsent = True
 
     def flush(self):
         """Put the changes into the queue as a report. If the queue is full, they stay `unsent`."""
         if self.unsent and self.outbox.put(self._report):
-            self.unsent = self._has_released = False
+            self.unsent = False
 
     def release(self):
         """Release all keys."""
         for i in range(REPORT_SIZE):
             self._report[i] = 0
-        self.unsent = self._has_released = False
+        self.unsent = False
         self.outbox.release()
 
     def _find(self, usage):

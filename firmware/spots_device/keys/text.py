@@ -1,15 +1,16 @@
 """Texts and macros: keys that are pressed one after the other. Imported only if the layout uses it.
 
-A text presses a key when the outbox has room for its reports. Events of switches wait until its
-end. Modifiers that are down before it are released for its time. A step has 16 bits, see `layout`.
+A key is down for ``text_ms`` of the layout. When its modifiers change, they are down for this time
+before it; between two equal keys, the key is up for it. Events of switches wait until the end of a
+text. Modifiers that are down before it are released for its time. A step has 16 bits, see `layout`.
 """
 
 from .. import const
-from .layout import CONSUMER, KEYBOARD, MEDIA_FROM, NEXT_BITS
+from .layout import CONSUMER, KEYBOARD, MEDIA_FROM, NEXT_BITS, PRESS, RELEASE
+from .merge import KEYS_MAX, MODIFIERS_FROM
 from .switch import past
 
 _AT_ONCE = const(5)  # most steps between two readings; with USB HID, the outbox has room for five
-_ALL = const(0xFF)  # all modifiers
 
 
 class Text:
@@ -25,7 +26,9 @@ class Text:
         self._engine = engine
         self.busy = False
         self._next = self._end = 0  # indices in the steps of the layout
-        self._down = self._bits = self._masked = self._drops = 0
+        self._down = self._bits = self._drops = 0
+        self._kept = bytearray(KEYS_MAX)  # usages that are down until the end
+        self._modifiers = self._kept_bits = 0  # that are down; those until the end
         self._t = self._since = self._wait_t = self._left = 0
 
     def press(self, n):
@@ -34,11 +37,10 @@ class Text:
         b = engine.layout.behaviours
         self._next = b[n + 1]
         self._end = self._next + b[n + 2]
-        self._bits = self._wait_t = 0
+        self._bits = self._wait_t = self._modifiers = 0
         self._drops = engine.merger.drops
-        self._masked = engine.merger.masked
         self.busy = True
-        engine.merger.mask(engine.sink, _ALL)
+        engine.merger.replace(engine.sink, 0)
 
     def tick(self, t):
         """Allow steps at the time `t` in ticks."""
@@ -51,45 +53,112 @@ class Text:
         """Process the next step; return False if it must wait for the next `tick`."""
         if not self._left or past(self._since, self._t) < self._wait_t:
             return False
+        self._since = self._t
         self._wait_t = 0
         self._left -= 1
         if self._next == self._end:
             self.forget()
         elif self._type(self._engine.layout.steps[self._next]):
             self._next += 1
+            if self._next == self._end and self._down and not self._kept_bits:
+                self.forget()  # without a wait: a finger's next key follows
         return True
 
     def forget(self):
-        """End the text; all its keys are up then."""
+        """End the text; the key that it has pressed last is released in its time."""
         engine = self._engine
-        if self._down:
-            engine.merger.release(engine.sink, self._down)
+        if self._kept_bits:
+            self._up()
+        elif self._down:
+            engine.release_later(self._down, self._since)
             self._down = 0
+        for k in range(KEYS_MAX):
+            if self._kept[k]:
+                engine.merger.release(engine.sink, KEYBOARD << 20 | self._kept[k])
+                self._kept[k] = 0
+        self._kept_bits = 0
         if self.busy:
+            engine.merger.replace(engine.sink, -1)
             self.busy = False
-            engine.merger.mask(engine.sink, self._masked)
 
     def _type(self, step):
-        # Returns False if the step must be repeated, because too many keys are pressed.
+        # Returns whether the step is complete.
         usage = step & 0xFF
         bits = step >> 8
-        if not usage:
-            self._since = self._t
-            self._wait_t = bits * 1250 >> 7  # in units of 10 ms
-            return True
         if usage == NEXT_BITS:
             self._bits = bits
             return True
+        if not usage:
+            self._up()
+            self._wait_t = bits * 1250 >> 7  # in units of 10 ms
+            return True
+        if usage in (PRESS, RELEASE):
+            return self._keep(bits, usage == PRESS)
         if usage >= MEDIA_FROM:
-            return self._click(CONSUMER << 20 | self._bits << 12 | (usage - MEDIA_FROM) << 8 | bits)
-        return self._click(KEYBOARD << 20 | bits << 12 | usage)
+            action = CONSUMER << 20 | self._bits << 12 | (usage - MEDIA_FROM) << 8 | bits
+        else:
+            action = KEYBOARD << 20 | bits << 12 | usage
+        return self._click(action)
 
     def _click(self, action):
         engine = self._engine
+        if engine.caps is not None:
+            action = engine.caps.shifted(action, self._kept_bits)
+        bits = action >> 12 & 0xFF | self._kept_bits
+        if self._down and (bits != self._modifiers or not (self._down ^ action) & 0x1F00FFF):
+            self._up()
+            self._modify(bits)
+            return False
+        if bits != self._modifiers:
+            self._modify(bits)
+            return False
+        self._up()
         self._down = action  # first: an interrupt in between must not hide a pressed key
         if not engine.merger.press(engine.sink, action):
             self._down = 0
             return False
-        engine.merger.release(engine.sink, action)
-        self._down = self._bits = 0
+        self._bits = 0
+        self._wait_t = engine.layout.text_t
+        if action & 0x1F00FFF == 0x700039:  # caps lock
+            self._wait_t = max(self._wait_t, engine.least_t(action))
         return True
+
+    def _up(self):
+        engine = self._engine
+        if self._down:
+            engine.merger.release(engine.sink, self._down)
+            self._down = 0
+
+    def _modify(self, bits):
+        self._modifiers = bits
+        self._engine.merger.replace(self._engine.sink, bits)
+        self._wait_t = self._engine.layout.text_t
+
+    def _keep(self, usage, down):
+        # Presses or releases a key that stays down.
+        self._up()
+        engine = self._engine
+        self._wait_t = engine.layout.text_t
+        if usage >= MODIFIERS_FROM:
+            bit = 1 << usage - MODIFIERS_FROM
+            self._kept_bits = self._kept_bits | bit if down else self._kept_bits & ~bit
+            self._modify(self._kept_bits)
+            return True
+        k = self._find(0 if down else usage)
+        if k < 0:
+            return True
+        if self._modifiers != self._kept_bits:
+            self._modify(self._kept_bits)
+            return False
+        if down and not engine.merger.press(engine.sink, KEYBOARD << 20 | usage):
+            return False
+        if not down:
+            engine.merger.release(engine.sink, KEYBOARD << 20 | usage)
+        self._kept[k] = usage if down else 0
+        return True
+
+    def _find(self, usage):
+        k = KEYS_MAX - 1
+        while k >= 0 and self._kept[k] != usage:
+            k -= 1
+        return k

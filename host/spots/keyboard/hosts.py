@@ -1,11 +1,12 @@
 """Layouts of computers: which keys type a character, by the table ``hosts.txt``.
 
 A keyboard sends positions of keys; the layout of the computer decides which character appears.
-The table is that of Linux desktops, written by tools/host_layouts.py. Windows has the same
-characters on most keys, but fewer with AltGr and behind dead keys. A Mac has others with Option,
-its name of AltGr. What a system is not known to type is refused for it.
+The table, written by tools/host_layouts.py, has those of Linux desktops and of Windows. A Mac has
+the same characters as Linux on most keys, but others with Option, its name of AltGr. What a system
+is not known to type is refused for it.
 """
 
+import itertools
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -15,16 +16,19 @@ from ..errors import SettingError
 
 FILE = Path(__file__).with_name("hosts.txt")
 LINUX, WINDOWS, MAC = SYSTEMS = ("linux", "windows", "mac")
+AMERICAN = "us"
+BOTH = "both"  # what Linux and Windows have in common
 # Usages of the keys that type characters: the order of the columns of the table. The last four are
 # space, the key beside left shift, and two keys of Brazilian and Japanese keyboards.
 KEYS = (*range(0x04, 0x28), *range(0x2D, 0x32), *range(0x33, 0x39), 0x2C, 0x64, 0x87, 0x89)
 NOTHING = "none"  # in the table: a key without a character
+SAME = "same"  # in the table: a row of Windows that is equal to that of Linux
 SHIFT, ALT_GR = 0x02, 0x40  # bits of left shift and right alt
-_LEVELS = (0, SHIFT, ALT_GR, SHIFT | ALT_GR)
+LEVELS = (0, SHIFT, ALT_GR, SHIFT | ALT_GR)
 _EVERYWHERE = {"\n": 0x28, "\t": 0x2B}  # enter and tab
 # Not every keyboard has the last three keys, so other keys are preferred: by this many levels.
 _RARE, _RARE_COST = KEYS[-3:], 1.5
-# What dead keys without AltGr make on Windows and Macs, too.
+# What dead keys without AltGr make on Macs, too.
 _LETTERS = "áàâäãéèêëíìîïóòôöõúùûüñčďěňřšťž"
 _BY_DEAD_KEYS = {*_LETTERS, *_LETTERS.upper(), *"^`~'\""}
 _NAMED_MAX = 6  # layouts in an error message
@@ -37,24 +41,6 @@ class Stroke(NamedTuple):
     usage: int
 
 
-class Table(NamedTuple):
-    """The part of ``hosts.txt`` for one layout.
-
-    `name` is that of layout files, such as ``de``; `xkb` that of XKB; `language` the locale of the
-    users without its encoding. `rows` has, for no modifier, shift, AltGr, and shift with AltGr, the
-    characters and the names of dead keys, in the order of `KEYS`. `windows` has the keys that type
-    the same character with AltGr on Windows. `without` has characters of dead keys that the
-    languages of a layout make in different ways.
-    """
-
-    name: str
-    xkb: str
-    language: str
-    rows: list[list[str]]
-    windows: list[Stroke]
-    without: set[str]
-
-
 class Sequence(NamedTuple):
     """Dead keys and the key after them, with the character that they make."""
 
@@ -63,28 +49,48 @@ class Sequence(NamedTuple):
     result: str
 
 
-class Host:
-    """The layout of a computer with one of `SYSTEMS`; `sequences` is what dead keys make."""
+class Table(NamedTuple):
+    """The part of ``hosts.txt`` for one layout.
 
-    def __init__(self, table: Table, sequences: list[Sequence], system: str = LINUX):
+    `name` is that of layout files, such as ``de``; `xkb` that of XKB; `language` the locale of the
+    users without its encoding. `rows` has, for no modifier, shift, AltGr, and shift with AltGr, the
+    characters and the names of dead keys, in the order of `KEYS`. `without` has characters of dead
+    keys that the languages of a layout make in different ways. `windows` are the rows of Windows,
+    `accents` what its dead keys make; without rows, only those of Linux without AltGr and without
+    dead keys are known.
+    """
+
+    name: str
+    xkb: str
+    language: str
+    rows: list[list[str]]
+    without: set[str]
+    windows: list[list[str]]
+    accents: list[Sequence]
+
+
+class Host:
+    """The layout of a computer with one of `SYSTEMS`, or of `BOTH`.
+
+    `sequences` is what dead keys make on Linux.
+    """
+
+    def __init__(self, table: Table, sequences: list[Sequence], system: str):
         self.name = table.name
-        self._at: dict[str, tuple[float, tuple[Stroke, ...]]] = {}  # characters and dead keys
-        self._keys: dict[str, Stroke] = {}  # letters
-        for level, row in enumerate(table.rows):
-            for usage, text in zip(KEYS, row):
-                stroke = Stroke(_LEVELS[level], usage)
-                if text != NOTHING and (level < 2 or _is_known(stroke, table, system)):
-                    self._add(text, level + (_RARE_COST if usage in _RARE else 0), (stroke,))
-                    if len(text) == 1 and text.isalpha() and _is_cap(text, level, usage, table):
-                        self._keys.setdefault(text, Stroke(0, usage))
-        self._direct = set(self._at)
-        for one in sequences:
-            self._compose(one, table, system)
+        self._rows, made = _of_system(table, sequences, system)
+        ways = _ways(self._rows, made)
+        if system == BOTH:
+            # The same keys must type the same.
+            other = _ways(*_of_system(table, sequences, LINUX))
+            for text, own in ways.items():
+                for strokes in own.keys() - other.get(text, {}).keys():
+                    del own[strokes]
+        self._at = {text: min(own, key=own.__getitem__) for text, own in ways.items() if own}
 
     @property
     def characters(self) -> list[str]:
         """All characters that this layout types."""
-        return sorted(one for one in self._at if len(one) == 1)
+        return sorted(self._at)
 
     def strokes(self, character: str) -> tuple[Stroke, ...]:
         """Return the keys that type a character one after the other; empty if none do.
@@ -93,60 +99,108 @@ class Host:
         """
         if character in _EVERYWHERE:
             return (Stroke(0, _EVERYWHERE[character]),)
-        return self._at[character][1] if len(character) == 1 and character in self._at else ()
+        return self._at.get(character, ())
 
     def key(self, letter: str) -> Stroke | None:
         """Return the key with this letter, in either case, on it; None if there is none."""
-        return self._keys.get(letter)
+        for level, row in enumerate(self._rows[:2] if letter.isalpha() else ()):
+            for usage, text in zip(KEYS, row):
+                if (
+                    text == letter
+                    and self._at.get(letter)
+                    and _is_cap(letter, level, usage, self._rows)
+                ):
+                    return Stroke(0, usage)
+        return None
 
-    def _add(self, text: str, cost: float, strokes: tuple[Stroke, ...]) -> None:
-        if text not in self._at or cost < self._at[text][0]:
-            self._at[text] = cost, strokes
+    def typed(self, stroke: Stroke) -> str:
+        """Return the character of a key, or the name of its dead key; empty if it has none."""
+        level = LEVELS.index(stroke.modifiers) if stroke.modifiers in LEVELS else len(LEVELS)
+        if level >= len(self._rows) or stroke.usage not in KEYS:
+            return ""
+        text = self._rows[level][KEYS.index(stroke.usage)]
+        return "" if text == NOTHING else text
 
-    def _compose(self, one: Sequence, table: Table, system: str) -> None:
-        if one.result in self._direct or one.result in table.without:
-            return
-        if not self._direct.issuperset((*one.dead, one.last)):
-            return
-        keys = [self._at[text] for text in (*one.dead, one.last)]
-        if system == LINUX or one.result in _BY_DEAD_KEYS:
+
+def _of_system(
+    table: Table, sequences: list[Sequence], system: str
+) -> tuple[list[list[str]], list[Sequence]]:
+    """Return the rows that are known of a system, and what its dead keys make."""
+    if system == LINUX:
+        return table.rows, [one for one in sequences if one.result not in table.without]
+    if system == MAC:
+        made = [one for one in sequences if one.result in _BY_DEAD_KEYS - table.without]
+        return table.rows[:2], made
+    return (table.windows, table.accents) if table.windows else (table.rows[:2], [])
+
+
+def _ways(
+    rows: list[list[str]], sequences: list[Sequence]
+) -> dict[str, dict[tuple[Stroke, ...], float]]:
+    """Return all ways to type each character, with their costs."""
+    direct: dict[str, dict[Stroke, float]] = {}  # characters and dead keys
+    for level, row in enumerate(rows):
+        for usage, text in zip(KEYS, row):
+            cost = level + (_RARE_COST if usage in _RARE else 0)
+            direct.setdefault(text, {})[Stroke(LEVELS[level], usage)] = cost
+    ways = {
+        text: {(stroke,): cost for stroke, cost in own.items()}
+        for text, own in direct.items()
+        if len(text) == 1
+    }
+    for one in sequences:
+        parts = [direct.get(text) for text in (*one.dead, one.last)]
+        if one.result in direct or not all(parts):
+            continue
+        for keys in itertools.product(*(part.items() for part in parts if part)):
             # Few strokes first: a cost is below 10.
-            cost = 10 * len(keys) + sum(cost for cost, _ in keys)
-            self._add(one.result, cost, tuple(stroke for _, (stroke,) in keys))
+            cost = 10 * len(keys) + sum(cost for _, cost in keys)
+            ways.setdefault(one.result, {})[tuple(stroke for stroke, _ in keys)] = cost
+    return ways
 
 
-def _is_cap(letter: str, level: int, usage: int, table: Table) -> bool:
+def _is_cap(letter: str, level: int, usage: int, rows: list[list[str]]) -> bool:
     # Whether a letter, or the capital of it, is what a key types without a modifier.
-    first = table.rows[0][KEYS.index(usage)]
+    first = rows[0][KEYS.index(usage)]
     return level == 0 or (level == 1 and first.upper() == letter)
-
-
-def _is_known(stroke: Stroke, table: Table, system: str) -> bool:
-    # Whether a key with AltGr types on a system what it types on Linux.
-    return system == LINUX or (system == WINDOWS and stroke in table.windows)
 
 
 def read(lines: Iterable[str]) -> tuple[list[Table], list[Sequence]]:
     """Return the layouts of the lines of ``hosts.txt``, and what dead keys make."""
     tables: list[Table] = []
-    sequences = []
+    rows: list[list[str]] = []  # that of the last table
+    sequences: list[Sequence] = []
+    accents: list[list[Sequence]] = []
     for line in lines:
         word, *words = line.split()
         if word == "host":
-            tables.append(Table(*words, [], [], set()))
-        elif not tables and word == "dead":
+            tables.append(Table(*words, [], set(), [], []))
+            rows = tables[-1].rows
+        elif not tables and word in ("dead", "accent"):
             dead, *texts = words
-            for last, result in zip(texts[::2], texts[1::2]):
-                sequences.append(Sequence(tuple(dead.split(",")), _text(last), _text(result)))
+            made = [
+                Sequence(tuple(dead.split(",")), last, result)
+                for last, result in zip(map(_text, texts[::2]), map(_text, texts[1::2]))
+            ]
+            if word == "dead":
+                sequences += made
+            else:
+                accents.append(made)
         elif not tables:
             continue  # a comment
         elif word == "windows":
-            strokes = (Stroke(*(int(number, 16) for number in one.split(":"))) for one in words)
-            tables[-1].windows.extend(strokes)
+            rows = tables[-1].windows
+            for number in words:
+                tables[-1].accents.extend(accents[int(number)])
         elif word == "without":
             tables[-1].without.update(map(_text, words))
         else:
-            tables[-1].rows.append(list(map(_text, (word, *words))))
+            texts = list(map(_text, (word, *words)))
+            texts += [NOTHING] * (len(KEYS) - len(texts))
+            linux = tables[-1].rows
+            if word == SAME and not words:
+                texts = linux[len(rows)] if len(rows) < len(linux) else [NOTHING] * len(KEYS)
+            rows.append(texts)
     return tables, sequences
 
 

@@ -56,8 +56,13 @@ class Behaviour:
     @property
     def actions(self) -> tuple[int, ...]:
         """The actions that this behaviour may cause."""
-        # Hold-taps and tap dances have more numbers before their actions; texts have no actions.
-        first = {lines_of.HOLD_TAP: 5, lines_of.STICKY: 2}
+        # Hold-taps and tap dances have more numbers before their actions; texts and caps word have
+        # no actions.
+        first = {
+            lines_of.HOLD_TAP: 5,
+            lines_of.STICKY: 2,
+            lines_of.CAPS_WORD: 1 + lines_of.CAPS_SIZE,
+        }
         return self.numbers[first.get(self.numbers[0], 3) :]
 
 

@@ -1,6 +1,7 @@
 """``spots keys``: shows and validates layout files, and uploads a layout to a board."""
 
 from typing import NamedTuple
+from unicodedata import normalize
 
 from rich.cells import cell_len
 from rich.console import Console
@@ -134,6 +135,7 @@ def names(word: str) -> list[str]:
     An empty word is for all keys. For a character, the lines name the keys of each host, too.
     SettingError if nothing is found.
     """
+    word = normalize("NFC", word)
     found = []
     for one in USAGES.values():
         every = [*ALIASES.get(one.name, ()), one.linux]

@@ -7,6 +7,7 @@ movement along the strip) in each direction. docs/type/actions.md describes the 
 """
 
 from pathlib import Path
+from unicodedata import normalize
 
 import msgspec
 
@@ -58,6 +59,7 @@ def compiled(path: Path, text: str) -> KeyLayout:
     FileError
         If the text is invalid; the message names the place and the remedy.
     """
+    text = normalize("NFC", text)  # ü may be u and a combining mark, which no key types
     try:
         content = toml.loads(text)
         _check_words(path, text, content)

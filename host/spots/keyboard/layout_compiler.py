@@ -11,7 +11,7 @@ from spots_device.keys.layout import FULL, LIMITS
 
 from ..errors import FileError, SpotsError
 from ..outputs.usages import CONSUMER, KEYBOARD, MODIFIERS_FROM, is_modifier, name_of, on_caps
-from . import reach
+from . import hosts, reach
 from .key_layout import (
     FLAVORS,
     LAYER_VERBS,
@@ -24,6 +24,7 @@ from .key_layout import (
     typed,
 )
 from .layout_format import (
+    CAPS_WORD,
     HOLD_TERMS,
     MACRO,
     NAMED,
@@ -39,6 +40,7 @@ from .layout_format import (
 from .writing import Writing
 
 _LABEL_MAX = 12  # characters of a text on its key
+_CAPS_LOCK_MS = 100  # a Mac ignores shorter presses
 _STEPS_A_LINE = 40  # a line of a board has at most 255 characters
 
 
@@ -61,6 +63,8 @@ class Compiler:
             self._refuse(min(twice), f"two layers are called '{min(twice)}': rename one of them")
         tuning = msgspec.structs.asdict(self._file.tuning)
         tuning["flavor"] = FLAVORS.index(tuning["flavor"])
+        if self._file.os == hosts.MAC:
+            tuning["caps_lock_ms"] = tuning["caps_lock_ms"] or _CAPS_LOCK_MS
         self._tuning = tuning
         try:
             self._writing = Writing(self._file.host, self._file.os)
@@ -160,7 +164,8 @@ class Compiler:
         if verb in NEW_VERBS:
             self._refuse(text, f"{at}: '{verb} NAME' is now '{NEW_VERBS[verb]} NAME': write this")
         if text in WORDS:
-            return self._behave(text, WORDS[text])
+            table = self._writing.caps_word() if text == CAPS_WORD else ()
+            return self._behave(text, WORDS[text], *table)
         if verb in LAYER_VERBS:
             return self._layer_action(verb, name, text, at)
         if verb == STICKY:
@@ -189,7 +194,9 @@ class Compiler:
     def _macro(self, text: str, parts: list[str], at: str) -> int:
         wrong = next((part for part in parts if self._is_behaviour(part)), None)
         if wrong:
-            self._refuse(wrong, f"{at}: '{wrong}' is no key: a macro has keys, text and wait")
+            self._refuse(
+                wrong, f"{at}: '{wrong}' is no key: a macro has keys, text, wait, press and release"
+            )
         shown = text if text.endswith("]") else f"{text} [{', '.join(parts)}]"
         return self._typed(shown, parts[0], self._writing.macro, parts, at)
 

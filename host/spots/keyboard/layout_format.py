@@ -16,7 +16,8 @@ STICKY = "sticky"
 NAMED = ("tap_dance", "mod_morph")  # tables of the file, which an action names
 # Actions without a name behind them.
 TEXT, MACRO = "text", "macro"
-WORDS = {"key_repeat": lines_of.KEY_REPEAT, "caps_word": lines_of.CAPS_WORD}
+CAPS_WORD = "caps_word"
+WORDS = {"key_repeat": lines_of.KEY_REPEAT, CAPS_WORD: lines_of.CAPS_WORD}
 # Words of older layouts, which the words of other keyboard firmware have replaced.
 NEW_VERBS = {"layer": "momentary", "once": STICKY}
 NEW_TUNING = {"tapping_ms": "tapping_term_ms", "quick_ms": "quick_tap_ms", "flavour": "flavor"}

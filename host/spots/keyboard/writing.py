@@ -1,11 +1,13 @@
 """What the keys, characters and texts of a layout file are on the computer of its user."""
 
 from spots_device.keys import layout as lines_of
+from spots_device.keys.merge import KEYS_MAX
 
 from ..errors import SettingError, SpotsError
 from ..outputs.usages import (
     CONSUMER,
     KEYBOARD,
+    MODIFIERS_FROM,
     modifier_bits,
     split_chord,
     usage_of,
@@ -18,6 +20,9 @@ _BY_SYSTEM = {
     "PRIMARY": {hosts.MAC: _LEFT_GUI, hosts.WINDOWS: _LEFT_CONTROL, hosts.LINUX: _LEFT_CONTROL},
     "WORD": {hosts.MAC: _LEFT_ALT, hosts.WINDOWS: _LEFT_CONTROL, hosts.LINUX: _LEFT_CONTROL},
 }
+# In the order of the firmware's table.
+_CAPS_KEYS = (*range(0x04, 0x39), 0x64, 0x87, 0x89)
+_KEPT = {"press": lines_of.PRESS, "release": lines_of.RELEASE}
 _WAIT_UNIT_MS, _WAIT_MAX_MS = 10, 60_000
 _UNITS_MAX = 0xFF  # of a step that waits
 
@@ -31,7 +36,7 @@ class Writing:
     """
 
     def __init__(self, host: str | None, system: str | None):
-        self._host = hosts.host_of(host, system or hosts.WINDOWS) if host else None
+        self._host = hosts.host_of(host, system or hosts.BOTH) if host else None
         self._system = system
         self.shown: dict[int, str] = {}
 
@@ -66,10 +71,12 @@ class Writing:
         return [stroke.modifiers << 8 | stroke.usage for stroke in strokes]
 
     def macro(self, parts: list[str]) -> list[int]:
-        """Return the steps of a macro: keys, characters, ``text TEXT`` and ``wait MS``.
+        """Return the steps of a macro.
 
-        SettingError if a part is something else.
+        Its parts are keys, characters, ``text TEXT``, ``wait MS``, ``press KEY`` and ``release
+        KEY``. SettingError if a part is something else.
         """
+        down: list[int] = []  # usages of `press`
         steps: list[int] = []
         for part in parts:
             verb, space, remainder = part.partition(" ")
@@ -77,10 +84,41 @@ class Writing:
                 steps += self.text(remainder)
             elif verb == "wait":
                 steps += _wait(remainder)
+            elif verb in _KEPT and space:
+                steps += self._kept(verb, remainder, down)
             else:
                 for action in self.actions(part):
                     steps += _steps(action)
         return steps
+
+    def _kept(self, verb: str, name: str, down: list[int]) -> list[int]:
+        actions = self.actions(name)
+        page, bits, usage = actions[0] >> 20, actions[0] >> 12 & 0xFF, actions[0] & 0xFFF
+        if len(actions) > 1 or page != KEYBOARD:
+            raise SettingError(
+                f"'{verb} {name}' needs one key of the keyboard: write '{name}' alone, or another key"
+            )
+        usages = [MODIFIERS_FROM + bit for bit in range(8) if bits >> bit & 1] + [usage]
+        for one in usages:
+            if (one in down) == (verb == "press"):
+                raise SettingError(
+                    f"'{verb} {name}': the key is {'' if one in down else 'not '}down already: "
+                    "write 'press' and 'release' of a key in turns"
+                )
+            down.append(one) if verb == "press" else down.remove(one)
+        if len(down) > KEYS_MAX - 1:
+            raise SettingError(f"'{verb} {name}': at most {KEYS_MAX - 1} keys are down at once")
+        return [one << 8 | _KEPT[verb] for one in (usages if verb == "press" else usages[::-1])]
+
+    def caps_word(self) -> list[int]:
+        """Return the integers of a caps word, see `spots_device.keys.caps`."""
+        host = self._host or hosts.host_of(hosts.AMERICAN)
+        found = [0] * lines_of.CAPS_SIZE
+        for i, usage in enumerate(_CAPS_KEYS):
+            for level, modifiers in enumerate(hosts.LEVELS):
+                what = _in_word(host, hosts.Stroke(modifiers, usage))
+                found[i // 3] |= what << 8 * (i % 3) + 2 * level
+        return found
 
     def _bits(self, modifiers: list[str]) -> int:
         bits = 0
@@ -109,17 +147,41 @@ class Writing:
         strokes = host.strokes(character)
         if strokes:
             return strokes
-        if self._system is None and hosts.host_of(host.name).strokes(character):
+        having = [
+            system
+            for system in (hosts.LINUX, hosts.WINDOWS)
+            if self._system is None and hosts.host_of(host.name, system).strokes(character)
+        ]
+        if len(having) == 1:
             raise SettingError(
-                f"the host '{host.name}' has '{character}' only on Linux: add os = 'linux' to the "
-                "file, before its first table, or leave it out"
+                f"the host '{host.name}' has '{character}' only on {having[0].title()}: add os = "
+                f"'{having[0]}' to the file, before its first table, or leave it out"
             )
-        system = self._system or hosts.WINDOWS
+        if having:
+            raise SettingError(
+                f"the host '{host.name}' has '{character}' on other keys on Windows than on Linux: "
+                "add os = 'windows' or 'linux' to the file, before its first table"
+            )
+        system = self._system or hosts.BOTH
         on = f" on {system}" if self._system else ""
         raise SettingError(
             f"the host '{host.name}'{on} cannot type '{character}', "
             f"{hosts.typing(character, system)}: use another character or host"
         )
+
+
+def _in_word(host: hosts.Host, stroke: hosts.Stroke) -> int:
+    # Returns what caps word does with a key: 0 ends it, 1 leaves the key as it is, 2 adds shift.
+    text = host.typed(stroke)
+    capital = host.typed(stroke._replace(modifiers=stroke.modifiers | hosts.SHIFT))
+    # Of a dotted i, the capital is one character only in Turkish.
+    if (
+        text.islower()
+        and len(text) == 1
+        and (text.upper() == capital or capital.lower()[:1] == text)
+    ):
+        return 2
+    return int(len(text) > 1 or text.isalpha() or text.isdecimal() or text == "_")
 
 
 def _is_key(name: str) -> bool:

@@ -146,7 +146,7 @@ export function actionField(name, find, onChoose) {
   let value = "", options = [], chosen = -1;
 
   function open(typed) {
-    options = find(typed);
+    options = find(typed.normalize());
     list.replaceChildren(...options.map((one, i) => {
       const item = make("li", "", make("b", "", one.value), make("span", "", one.words));
       item.id = `${id}-${i}`;
@@ -185,6 +185,7 @@ export function actionField(name, find, onChoose) {
   input.addEventListener("click", () => { if (list.hidden) open(""); });
   input.addEventListener("input", () => open(input.value));
   input.addEventListener("keydown", (event) => {
+    if (event.isComposing) return;  // these keys belong to the input method
     if (event.key === "ArrowDown" || event.key === "ArrowUp") {
       event.preventDefault();
       if (list.hidden) open("");
@@ -201,7 +202,7 @@ export function actionField(name, find, onChoose) {
   });
   // When the focus leaves the field, a typed action is chosen; otherwise the value does not change.
   input.addEventListener("blur", () => {
-    const typed = input.value.trim(), best = typed === value ? null : find(typed).find((one) => !one.off);
+    const typed = input.value.trim().normalize(), best = typed === value ? null : find(typed).find((one) => !one.off);
     if (!typed) choose("");
     else if (best && !list.hidden) choose(best.value);
     else { input.value = value; close(); }

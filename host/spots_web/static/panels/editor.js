@@ -22,6 +22,8 @@ const TUNING = {
   quick_tap_ms: ["Time from a tap to a held tap", "ms"], slack_um: ["Position tolerance of a repeated tap", "µm"],
   slide_um: ["Step of a slide", "µm"], swipe_um: ["Least length of a swipe", "µm"],
   swipe_ms: ["Longest time of a swipe", "ms"], release_ms: ["Release debounce", "ms"],
+  tap_ms: ["Least time of a tapped key", "ms"], caps_lock_ms: ["Least time of caps lock", "ms"],
+  text_ms: ["Time of each key of a text", "ms"],
   jump_um: ["Longest jump of a finger", "µm"], stuck_ms: ["A touch is an object, not a finger, after", "ms"],
 };
 const STORED = {
