@@ -21,6 +21,7 @@ from spots.keyboard.layout import compiled, load
 from spots.keyboard.layout_format import RELEASE_AFTER_MS
 from spots.link.board import Board
 from spots.link.connect import ensured
+from spots.outputs.usages import KEYBOARD, name_of
 from spots.wearable import wearable
 from spots.wearable.gestures import NAMES
 from spots_device.board.settings import checksum
@@ -32,7 +33,6 @@ from .strip_feed import stored_layout
 from .toml_text import edited, lost_comments
 from .user_file import UserFile
 
-_AMERICAN = "us"  # without a host, a layout has the characters of this one
 _DEFAULT = "digits"  # the layout of a board without a stored layout
 _UNKNOWN = "keys that are only in the board's present layout (this program does not know it)"
 _TEXT_MAX = 32_768  # characters; the largest layout of a board needs about 20,000
@@ -191,10 +191,11 @@ class LayoutEditor(FileEditor):
         self._answer(answer, self._characters, request)
         return answer
 
-    def _characters(self, request: Characters) -> dict[str, str]:
-        system = request.os if request.os in hosts.SYSTEMS else hosts.WINDOWS
-        host = hosts.host_of(request.host or _AMERICAN, system)
-        return {"characters": "".join(host.characters)}
+    def _characters(self, request: Characters) -> dict[str, Any]:
+        system = request.os if request.os in hosts.SYSTEMS else hosts.BOTH
+        host = hosts.host_of(request.host or hosts.AMERICAN, system)
+        caps = {name_of(KEYBOARD, usage): host.cap(usage) for usage in hosts.KEYS}
+        return {"characters": "".join(host.characters), "caps": caps}
 
     def _read(self, text: str) -> dict[str, Any]:
         return self._compiled(text).content

@@ -8,6 +8,7 @@ from spots.controller.controller import controller_for
 from spots.controller.controller_settings import ControllerSettings
 from spots.controller.controller_settings import load as load_controller
 from spots.errors import SpotsError
+from spots.keyboard.hosts import host_of_file
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.key_layout import KeyLayout, parts_of, typed
 from spots.keyboard.reach import causes
@@ -100,7 +101,9 @@ class StripFeed:
                 self._engines = [*self._untried, trial]
 
     def _tried_key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        self._state.add_event({"kind": "tried", "name": key_name(page, usage), "pressed": pressed})
+        self._state.add_event(
+            {"kind": "tried", "name": key_name(page, usage, self._tried), "pressed": pressed}
+        )
 
     def take_spectrum(self, spectrum: Spectrum, now_s: float) -> None:
         """Process the spectrum of the reading that `take` processed last."""
@@ -145,7 +148,7 @@ class StripFeed:
             layer, index = self._down[event]
         else:
             layer, index = self._down.pop(event, (None, None))
-        what = {"name": key_name(page, usage), "layer": layer, "index": index}
+        what = {"name": key_name(page, usage, self._layout), "layer": layer, "index": index}
         self._state.add_event({"kind": "key", "pressed": pressed, **what})
         self._show()
 
@@ -191,9 +194,10 @@ class StripFeed:
         }
 
 
-def key_name(page: int, usage: int) -> str:
-    """Return the name of a key in the web UI."""
-    return typed(page, usage) or name_of(page, usage).lower().replace("_", " ")
+def key_name(page: int, usage: int, layout: KeyLayout | None = None) -> str:
+    """Return the name of a key in the web UI: what the host of a layout types with it."""
+    host = layout and host_of_file(layout.content)
+    return typed(page, usage, host) or name_of(page, usage).lower().replace("_", " ")
 
 
 def stored_layout(info: Mapping, layout: KeyLayout) -> str:

@@ -8,8 +8,10 @@ from support.boards import store
 from support.computer import text_of
 
 from spots import cli
+from spots.keyboard.hosts import host_of_file
 from spots.keyboard.keys import new_texts, push
 from spots.keyboard.layout import compiled
+from spots_sim.person.typist import TypedText
 
 pytestmark = pytest.mark.board
 
@@ -69,6 +71,36 @@ def test_a_long_text_is_typed_beside_fingers(typing, board, steps, taps):
     assert not any(reports(made)[-1])
     reply = made.board.command("get")
     assert (reply["dropped_reports"], reply["missed"]) == (0, 0)
+
+
+WINDOWS = """
+name = "x"
+host = "es"
+os = "windows"
+[[layer]]
+name = "a"
+keys = ["caps_word", "ñ", {tap = "CAPS_LOCK", double = "F1"}, {text = "~aB"}]
+"""
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_a_board_types_what_the_host_has_and_each_key_for_its_time(typing, board):
+    made = typing(board, "a")
+    layout = compiled(Path("x"), WINDOWS)
+    push(made.board, layout)
+    made.settle(0.3)
+    for i in (0, 1, 3, 2):
+        tap(made, i)
+        made.settle(0.6)
+    shown, before = TypedText(host_of_file(layout.content)), bytes(8)
+    found = reports(made)
+    for report in found:
+        for usage in set(report[2:]) - set(before[2:]) - {0x39}:
+            assert report[0] == before[0]  # a modifier is a report of its own
+            shown.key(7, usage, report[0], True)
+        before = report
+    assert shown.text == "Ñ~aB"  # the sign ends caps word
+    assert not any(found[-1])
 
 
 @pytest.mark.parametrize("board", BOARDS)

@@ -17,6 +17,7 @@ from spots.keyboard.layout import compiled
 from spots.keyboard.writing import Writing
 from spots.outputs.usages import ON_BOARDS, USAGES
 from spots_device.keys.layout import STEPS_MAX, TAP, action, parse
+from spots_sim.person.typist import TypedText
 
 TABLES, SEQUENCES = hosts.read(hosts.FILE.read_text("utf-8").splitlines())
 NAMES = [table.name for table in TABLES]
@@ -180,7 +181,7 @@ def test_each_system_types_what_programmers_need_and_a_mac_nothing_with_option(n
 
 # Characters of AltGr on Windows, from the comments of QMK's quantum/keymap_extras and Microsoft's
 # pictures of its layouts (€ on E): pairs of the character on an American keyboard (< is the key
-# beside left shift) and the typed character. ~´`^¨ may be dead keys. The sources do not agree about
+# beside left shift) and the typed character. The sources do not agree about
 # [ª ]º of Brazilian and ,` of Turkish keyboards, which are refused.
 WINDOWS = {
     "us-intl": r"1¡ 2² 3³ 4¤ 5€ 6¼ 7½ 8¾ 9‘ 0’ -¥ =× qä wå eé r® tþ yü uú ií oó pö [« ]» \¬ aá sß "
@@ -243,6 +244,70 @@ def test_what_linux_and_windows_have_in_common_a_linux_desktop_types(name):
         ]
         pressed = [bytes(each) for stroke in report for each in (stroke, bytes(8))]
         assert seen(pressed, keyboard) == one
+
+
+@pytest.mark.parametrize("system", [*hosts.SYSTEMS, hosts.BOTH])
+def test_what_is_shown_is_what_the_host_types(system):
+    for name in NAMES:
+        host, shown = hosts.host_of(name, system), TypedText(hosts.host_of(name, system))
+        for one in host.characters:
+            for stroke in host.strokes(one):
+                shown.key(7, stroke.usage, stroke.modifiers, True)
+        assert shown.text == "".join(host.characters), name
+    assert [hosts.host_of(name).cap(usage) for name, usage in CAPS] == list(CAPS.values())
+    layout = layout_of("de", '"SEMICOLON", "LEFT_CONTROL+LEFT_BRACKET"')
+    assert [key.label for key in layout.layers["a"]] == ["Ö", "Ctrl+Ü"]
+
+
+CAPS = {
+    ("de", 0x33): "Ö",
+    ("de", 0x2D): "ß",
+    ("tr", 0x34): "İ",
+    ("fr", 0x1F): "é",
+    ("us-dvorak", 0x14): "'",
+    ("es", 0x34): "",  # a dead key
+}
+IN_WORDS = {
+    ("de", "gör_ß-a"): "GÖR_ß-a",
+    ("fr", "a,b"): "A,b",
+    ("us-dvorak", "two"): "TWO",
+    ("hu", "íz"): "ÍZ",
+    ("es", "mamá"): "MAMÁ",
+    ("tr", "ışık i"): "IŞIK i",
+    ("pl", "łza"): "ŁZA",
+    ("jp", "a_b"): "A_B",
+}
+
+
+@pytest.mark.parametrize("case", IN_WORDS)
+def test_caps_word_follows_the_letters_of_the_host(case):
+    name, text = case
+    keys = ", ".join(quoted(one) for one in ("caps_word", *text.replace(" ", "")))
+    layout = layout_of(name, keys.replace('"i"', '"SPACEBAR", "i"') if " " in text else keys)
+    shown = TypedText(hosts.host_of(name))
+    bench = Bench(layout.lines)
+    bench.key = lambda *event: shown.key(*event)
+    many = len(layout.layers["a"])
+    for i in range(many):
+        bench.tap("f", (i + 0.5) / many)
+        bench.at(bench.ms + 300)
+    assert shown.text == IN_WORDS[case]
+
+
+@pytest.mark.parametrize("ctrl", ["LEFT_CONTROL", "LEFT_ALT", "RIGHT_GUI", "RIGHT_SHIFT"])
+@pytest.mark.parametrize("way", ['"%s", "C"', '"sticky %s", "C"', '"B", "%s+C"'])
+def test_caps_word_does_not_change_a_key_with_another_modifier(ctrl, way):
+    layout = layout_of("de", '"caps_word", "A", ' + way % ctrl)
+    bench = Bench(layout.lines)
+    bench.tap("f", 0.1)
+    bench.at(300)
+    bench.press("ctrl", 0.6)
+    if "sticky" in way:
+        bench.release("ctrl")
+    bench.tap("f", 0.9)
+    bit = {"LEFT_CONTROL": 1, "LEFT_ALT": 4, "RIGHT_GUI": 0x80, "RIGHT_SHIFT": 0x20}[ctrl]
+    (bits,) = [one[2] for one in bench.events if one[:2] == (7, 6) and one[3]]
+    assert bits == bit
 
 
 def layout_of(host, keys, system="linux"):
@@ -310,8 +375,8 @@ def test_what_a_host_cannot_type_is_refused_with_a_remedy(case):
 
 HEAD = 'name = "x"\n%s[[layer]]\nname = "a"\nkeys = [%s]\n'
 UNNAMED = {
-    ("", '"ä"'): r"line 4.*the character 'ä' needs .* add host = 'us'",
-    ("", '"text a"'): "line 4.*the character 'a' needs",
+    ("", '"ä"'): r"line 4.*the character 'ä' needs .*us-intl.* such as host = 'us-intl'",
+    ("", '"text a"'): "line 4.*the character 'a' needs.*host = 'us'",
     ("", '"primary+C"'): "line 4.*'primary' depends on the computer: add os = 'linux'",
     ('host = "de"\n', '"æ"'): "line 5.*'de' has 'æ' only on Linux: add os = 'linux'",
     ('host = "es"\n', '"text ~"'): "line 5.*'es' has '~' on other keys on Windows than on Linux",

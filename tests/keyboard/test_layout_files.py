@@ -1,5 +1,7 @@
 """Layout files: compiled to the lines that a board stores; errors name the line and the remedy."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from support.refusals import refusal
@@ -7,7 +9,7 @@ from support.refusals import refusal
 from spots import cli
 from spots.errors import FileError, SettingError, SpotsError
 from spots.keyboard.keys import say
-from spots.keyboard.layout import FOLDER, load
+from spots.keyboard.layout import FOLDER, compiled, load
 from spots.outputs.usages import USAGES
 from spots_device.keys.layout import (
     HOLD_TAP,
@@ -135,13 +137,21 @@ MISTAKES = {
     'keys = ["A"]\n[macro]\nx = []': "macro.x must be a list of at least 1 entry, not 0",
     'keys = ["toggle b"]': "line 4.*no layer is called 'b'; valid names are a",
     'keys = [{tap = "A", hodl = "B"}]': "line 4.*hodl",
+    'keys = ["A", {tap = "B", width = 0}]': "line 4: in layer 'a', key 2: width must be a number",
+    'keys = ["A", 3]': "line 4: in layer 'a', key 2: must be text or a table, not a whole number",
+    'keys = ["A"]\n[[layer]]\nnaem = "b"': "line 6: in layer 2: unknown key 'naem'",
+    'keys = ["KC_TRNS"]': "line 4: in layer 'a', key 1: 'KC_TRNS' has no meaning here: docs",
+    'keys = ["TD(0)"]': r"line 4: in layer 'a', key 1: 'TD\(0\)' has no meaning here: docs",
+    'keys = ["&mo 1"]': "line 4.*'&mo 1' names layer 1, and the layers are 0 to 0",
+    'keys = [{double = "MT(MOD_LCTL, KC_A)"}]': "a whole key: write tap = 'KC_A', hold = 'LEFT_CON",
+    'keys = ["ö"]': "'ö' needs the .* these hosts can: us-intl.*such as host = 'us-intl'",
     "keys = []": "line 4.*keys",
     'keys = ["A"]\ngap_percent = 90': "line 5.*gap_percent",
     'keys = ["A"\nswipe_plus = 1': "line 5",
     'keys = ["A", {tap = "B", width = 0.05}]\ngap_percent = 10': (
-        "line 3: in layer 'a', key 2 is too narrow: increase its width, or reduce gap_percent"
+        "line 3: in layer 'a', key 2: too narrow: increase its width, or reduce gap_percent"
     ),
-    'keys = [{tap = "A", width = 0.001}, "B", "C"]': "line 3: in layer 'a', key 1 is too narrow",
+    'keys = [{tap = "A", width = 0.001}, "B", "C"]': "line 3: in layer 'a', key 1: too narrow",
     'keys = ["A"]\n[[layer]]\nname = "b"\nkeys = ["B"]': (
         "line 6: no key leads to layer 'b': add 'toggle b' to a key"
     ),
@@ -365,3 +375,56 @@ def test_show_draws_what_a_key_does(tmp_path, capsys):
 def test_a_layer_below_that_can_be_seen_is_no_problem(tmp_path):
     text = NEVER.replace('"A", "to c"', '"A", "momentary c"') % '"toggle b"'
     assert load(write(tmp_path, text.replace('keys = ["B"', 'keys = ["toggle b"'))).problems == []
+
+
+FOREIGN = {
+    "KC_NO": "",
+    "XXXXXXX": "",
+    "&none": "",
+    "KC_EXLM": "LEFT_SHIFT+1",
+    "EXCL": "LEFT_SHIFT+1",
+    "KC_UNDS": "LEFT_SHIFT+-",
+    "&kp EXCL": "LEFT_SHIFT+1",
+    "HYPR": "LEFT_CONTROL+LEFT_SHIFT+LEFT_ALT+LEFT_GUI",
+    "LCTL(KC_C)": "LEFT_CONTROL+C",
+    "LCTL(LSFT(KC_C))": "LEFT_CONTROL+LEFT_SHIFT+C",
+    "&kp LC(C)": "LEFT_CONTROL+C",
+    "MEH(KC_A)": "LEFT_CONTROL+LEFT_SHIFT+LEFT_ALT+A",
+    "MO(1)": "momentary b",
+    "&mo 1": "momentary b",
+    "TG(1)": "toggle b",
+    "&to 0": "to a",
+    "OSL(1)": "sticky b",
+    "OSM(MOD_LSFT|MOD_LCTL)": "sticky LEFT_SHIFT+LEFT_CONTROL",
+    "&sk LSHFT": "sticky LEFT_SHIFT",
+    "CW_TOGG": "caps_word",
+    "&key_repeat": "key_repeat",
+    "&mkp LCLK": "MOUSE_LEFT",
+    "MT(MOD_LCTL, KC_A)": '{tap = "A", hold = "LEFT_CONTROL"}',
+    "LCTL_T(KC_A)": '{tap = "A", hold = "LEFT_CONTROL"}',
+    "&mt LCTRL A": '{tap = "A", hold = "LEFT_CONTROL"}',
+    "LT(1, KC_A)": '{tap = "A", hold = "momentary b"}',
+    "&lt 1 A": '{tap = "A", hold = "momentary b"}',
+}
+
+
+def test_notations_of_other_firmware_are_what_is_written_here():
+    def lines(key):
+        key = key if key.startswith("{") else f'"{key}"'
+        more = '[[layer]]\nname = "b"\nkeys = ["to a", "B"]\n'
+        return compiled(Path("x"), f'{HEAD}keys = [{key}, "toggle b"]\n{more}').lines
+
+    for text, ours in FOREIGN.items():
+        assert lines(text) == lines(ours), text
+
+
+def test_a_layer_with_one_bracket_is_named_with_its_line():
+    with pytest.raises(FileError, match=r"line 3: write \[\[layer\]\] with two brackets"):
+        compiled(Path("x"), 'name = "x"\n\n[layer]\nname = "a"\nkeys = ["A"]\n')
+
+
+def test_characters_of_two_code_points_are_those_of_one():
+    file = 'name = "x"\nhost = "de"\n[[layer]]\nname = "a"\nkeys = ["%s", {text = "%s"}]\n'
+    one = compiled(Path("x"), file % ("ü", "süß"))
+    two = compiled(Path("x"), file % ("u\u0308", "su\u0308ß"))
+    assert one.lines == two.lines

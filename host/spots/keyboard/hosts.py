@@ -86,6 +86,7 @@ class Host:
                 for strokes in own.keys() - other.get(text, {}).keys():
                     del own[strokes]
         self._at = {text: min(own, key=own.__getitem__) for text, own in ways.items() if own}
+        self._made = {strokes: text for text, own in ways.items() for strokes in own}
 
     @property
     def characters(self) -> list[str]:
@@ -120,6 +121,15 @@ class Host:
             return ""
         text = self._rows[level][KEYS.index(stroke.usage)]
         return "" if text == NOTHING else text
+
+    def made(self, strokes: tuple[Stroke, ...]) -> str:
+        """Return the character that dead keys and the key after them type; empty if none."""
+        return self._made.get(strokes, "")
+
+    def cap(self, usage: int) -> str:
+        """Return the character on the cap of a key, a letter as capital; empty if it has none."""
+        small, large = (self.typed(Stroke(bits, usage)) for bits in (0, SHIFT))
+        return "" if len(small) > 1 or small == " " else large if large.isupper() else small
 
 
 def _of_system(
@@ -215,12 +225,24 @@ def every(system: str = LINUX) -> dict[str, Host]:
     return {table.name: Host(table, sequences, system) for table in tables}
 
 
+def host_of_file(content: dict) -> Host | None:
+    """Return the layout of the computer that the content of a layout file names."""
+    name = content.get("host")
+    return host_of(name, content.get("os") or BOTH) if name else None
+
+
 def host_of(name: str, system: str = LINUX) -> Host:
     """Return a layout; SettingError with all names if there is none of this name."""
     hosts = every(system)
     if name not in hosts:
         raise SettingError(f"there is no host '{name}': use one of {', '.join(hosts)}")
     return hosts[name]
+
+
+def first(character: str) -> str:
+    """Return the first layout that types a character; the American one if none does."""
+    names = (name for name, host in every().items() if host.strokes(character))
+    return next(names, AMERICAN)
 
 
 def typing(character: str, system: str = LINUX) -> str:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from spots_device.keys import layout as lines_of
 
 from ..outputs.usages import ON_BOARDS, USAGES
+from .hosts import KEYS, Host
 
 SWIPES = ("swipe_minus", "swipe_plus")  # of a layer
 SLOTS = ("tap", "double", "hold", "firm", "slide_minus", "slide_plus")
@@ -131,8 +132,13 @@ def parts_of(action: int) -> tuple[int, int, int]:
     return action >> 20, action & 0xFFF, action >> 12 & 0xFF
 
 
-def typed(page: int, usage: int) -> str:
-    """Return the character on the cap of a key, as upper case; empty if it types none."""
+def typed(page: int, usage: int, host: Host | None = None) -> str:
+    """Return the character on the cap of a key, as upper case; empty if it types none.
+
+    Without a host, the keyboard is American.
+    """
+    if host is not None and page == lines_of.KEYBOARD and usage in KEYS:
+        return host.cap(usage)
     known = USAGES.get((page, usage))
     character = (known and known.pynput) or ""
     return character.upper() if len(character) == 1 else ""

@@ -3,6 +3,7 @@
 import argparse
 import math
 import sys
+from functools import partial
 
 from ..common.signals import released_by_signals
 from ..errors import BoardError, SettingError
@@ -12,8 +13,9 @@ from ..link.timeouts import RELEASE_S
 from ..outputs.devices import Keyboard
 from ..outputs.open import open_keyboard
 from ..terminal.opening import open_announced
+from .hosts import host_of_file
 from .key_engine import KeyEngine
-from .key_layout import KeyLayout
+from .key_layout import KeyLayout, typed
 from .layout import load
 
 _TICK_S = 0.02
@@ -43,7 +45,9 @@ def keyboard_command(options: argparse.Namespace) -> None:
                 "'spots command set keys=0' first",
                 "is_keyboard",
             )
-        with open_keyboard(options.dry_run) as keyboard:
+        own = host_of_file(layout.content)
+        cap = None if own is None else partial(typed, host=own)
+        with open_keyboard(options.dry_run, cap) as keyboard:
             type_on(board, layout, keyboard, options.seconds)
 
 

@@ -6,6 +6,7 @@ of actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` (towards th
 movement along the strip) in each direction. docs/type/actions.md describes the actions.
 """
 
+import re
 from pathlib import Path
 from unicodedata import normalize
 
@@ -15,8 +16,10 @@ from ..common import kinds, schema, toml
 from ..errors import FileError
 from .key_layout import KeyLayout
 from .layout_compiler import Compiler
-from .layout_format import NEW_TUNING, LayoutFile, line_of_key
+from .layout_format import NEW_TUNING, LayoutFile, line_of, line_of_key
 
+# How `schema` names the place of a key, and that of a layer.
+_ENTRY = re.compile(r"( in |^)(entry (?P<key>\d+) of keys in )?entry (?P<layer>\d+) of layer")
 FOLDER = Path(__file__).parent / "layouts"
 
 
@@ -60,6 +63,7 @@ def compiled(path: Path, text: str) -> KeyLayout:
         If the text is invalid; the message names the place and the remedy.
     """
     text = normalize("NFC", text)  # ü may be u and a combining mark, which no key types
+    content: dict = {}
     try:
         content = toml.loads(text)
         _check_words(path, text, content)
@@ -67,9 +71,26 @@ def compiled(path: Path, text: str) -> KeyLayout:
     except msgspec.ValidationError as error:
         kinds.check(path, text, "a layout file")
         line = line_of_key(text, getattr(error, "keys", [])[::-1])
+        if isinstance(content.get("layer"), dict):
+            line = line_of(text, r"^\s*\[layer\]")
         place = line[2:] or getattr(error, "place", "")
-        raise FileError(f"layout {path}{line}: {error}", path, place) from None
+        raise FileError(f"layout {path}{line}: {_placed(error, content)}", path, place) from None
     return Compiler(path, text, file).layout()
+
+
+def _placed(error: msgspec.ValidationError, content: dict) -> str:
+    """Return a message with the place as the messages of the compiler have it."""
+    if isinstance(content.get("layer"), dict):
+        return "write [[layer]] with two brackets: a layout has a list of layers"
+    found = _ENTRY.search(str(error))
+    if not found:
+        return str(error)
+    key, number = found["key"], int(found["layer"])
+    layer = content["layer"][number - 1]
+    name = layer.get("name") if isinstance(layer, dict) else None
+    place = f"in layer {number if name is None else repr(name)}" + (f", key {key}" if key else "")
+    words = f"{str(error)[: found.start()]}{str(error)[found.end() :]}"
+    return f"{place}: {words.strip()}"
 
 
 def _check_words(path: Path, text: str, content: dict) -> None:

@@ -11,7 +11,7 @@ from spots_device.keys.layout import FULL, LIMITS
 
 from ..errors import FileError, SpotsError
 from ..outputs.usages import CONSUMER, KEYBOARD, MODIFIERS_FROM, is_modifier, name_of, on_caps
-from . import hosts, reach
+from . import foreign, hosts, reach
 from .key_layout import (
     FLAVORS,
     LAYER_VERBS,
@@ -84,7 +84,7 @@ class Compiler:
                 if not bounds[0] < bounds[1]:
                     self._refuse(
                         layer.name,
-                        f"in layer '{layer.name}', key {i} is too narrow: increase its width, or "
+                        f"in layer '{layer.name}', key {i}: too narrow: increase its width, or "
                         "reduce gap_percent",
                     )
                 rest.append("key " + " ".join(map(str, (*bounds, *key.actions.values()))))
@@ -112,7 +112,10 @@ class Compiler:
         return KeyLayout(*parts, problems, self._text, self._writing.shown, self._texts, content)
 
     def _keys(self, layer: LayerEntry) -> list[PlacedKey]:
-        keys = [KeyEntry(tap=key) if isinstance(key, str) else key for key in layer.keys]
+        keys = [
+            self._entry(key, f"in layer '{layer.name}', key {i}")
+            for i, key in enumerate(layer.keys, 1)
+        ]
         whole = sum(key.width for key in keys)
         placed, begin = [], 0.0
         for i, key in enumerate(keys):
@@ -128,6 +131,18 @@ class Compiler:
             placed.append(PlacedKey(low / whole, high / whole, label, actions))
             begin = end
         return placed
+
+    def _entry(self, key: str | KeyEntry, at: str) -> KeyEntry:
+        if isinstance(key, KeyEntry):
+            return key
+        found = self._foreign(key, at)
+        return KeyEntry(tap=found.tap, hold=found.hold) if found else KeyEntry(tap=key)
+
+    def _foreign(self, text: str, at: str) -> foreign.Foreign | None:
+        try:
+            return foreign.translated(text, self._names)
+        except SpotsError as error:
+            self._refuse(text, f"{at}: {error}")
 
     def _tap(self, key: KeyEntry, action: int, layer: str, where: str) -> int:
         if bool(key.tap) + bool(key.text) + bool(key.macro) > 1:
@@ -160,6 +175,14 @@ class Compiler:
         if not text:
             return 0
         at = f"in layer '{layer}', {where}" if layer else where
+        found = self._foreign(text, at)
+        if found and found.hold:
+            self._refuse(
+                text,
+                f"{at}: '{text}' is a whole key: write tap = '{found.tap}', hold = '{found.hold}'",
+            )
+        if found:
+            return self._action(found.tap, layer, where)
         verb, _, name = text.partition(" ")
         if verb in NEW_VERBS:
             self._refuse(text, f"{at}: '{verb} NAME' is now '{NEW_VERBS[verb]} NAME': write this")
@@ -197,6 +220,7 @@ class Compiler:
             self._refuse(
                 wrong, f"{at}: '{wrong}' is no key: a macro has keys, text, wait, press and release"
             )
+        parts = [found.tap if (found := self._foreign(part, at)) else part for part in parts]
         shown = text if text.endswith("]") else f"{text} [{', '.join(parts)}]"
         return self._typed(shown, parts[0], self._writing.macro, parts, at)
 
@@ -307,7 +331,7 @@ class Compiler:
         shown = self._writing.shown
         if action in shown:
             return shown[action]
-        key = shown.get(lines_of.action(kind, number)) or typed(kind, number)
+        key = shown.get(lines_of.action(kind, number)) or typed(kind, number, self._writing.host)
         return on_caps(modifiers) + (key or name_of(kind, number))
 
     def _check_ways(self, layers: dict[str, list[PlacedKey]], used: set[int]) -> None:

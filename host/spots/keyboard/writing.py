@@ -30,13 +30,14 @@ _UNITS_MAX = 0xFF  # of a step that waits
 class Writing:
     """Translates what a layout file names into keys, for one host layout and system.
 
-    If the file names no system, only what is equal on Linux and Windows can be typed. `shown` has
-    the characters of the file by their actions, as encoded by `spots_device.keys.layout.action`.
+    If the file names no system, only what is equal on Linux and Windows can be typed. `host` is the
+    host layout, or None. `shown` has the characters of the file by their actions, as encoded by
+    `spots_device.keys.layout.action`.
     SettingError if there is no such host layout.
     """
 
     def __init__(self, host: str | None, system: str | None):
-        self._host = hosts.host_of(host, system or hosts.BOTH) if host else None
+        self.host = hosts.host_of(host, system or hosts.BOTH) if host else None
         self._system = system
         self.shown: dict[int, str] = {}
 
@@ -48,9 +49,9 @@ class Writing:
         """
         modifiers, name = split_chord(text)
         bits = self._bits(modifiers)
-        if len(name) != 1 or (self._host is None and _is_key(name)):
+        if len(name) != 1 or (self.host is None and _is_key(name)):
             return [lines_of.action(*usage_of(name), bits)]
-        key = self._host.key(name) if self._host else None
+        key = self.host.key(name) if self.host else None
         strokes = (key,) if key else self._strokes(name)
         if bits and (len(strokes) > 1 or strokes[0].modifiers & bits):
             raise SettingError(
@@ -96,7 +97,7 @@ class Writing:
         page, bits, usage = actions[0] >> 20, actions[0] >> 12 & 0xFF, actions[0] & 0xFFF
         if len(actions) > 1 or page != KEYBOARD:
             raise SettingError(
-                f"'{verb} {name}' needs one key of the keyboard: write '{name}' alone, or another key"
+                f"'{verb} {name}' needs one key of the keyboard: name another, or write '{name}'"
             )
         usages = [MODIFIERS_FROM + bit for bit in range(8) if bits >> bit & 1] + [usage]
         for one in usages:
@@ -112,7 +113,7 @@ class Writing:
 
     def caps_word(self) -> list[int]:
         """Return the integers of a caps word, see `spots_device.keys.caps`."""
-        host = self._host or hosts.host_of(hosts.AMERICAN)
+        host = self.host or hosts.host_of(hosts.AMERICAN)
         found = [0] * lines_of.CAPS_SIZE
         for i, usage in enumerate(_CAPS_KEYS):
             for level, modifiers in enumerate(hosts.LEVELS):
@@ -137,12 +138,12 @@ class Writing:
         return bits | modifier_bits(named)
 
     def _strokes(self, character: str) -> tuple[hosts.Stroke, ...]:
-        host = self._host
+        host = self.host
         if host is None:
             raise SettingError(
-                f"the character '{character}' needs the keyboard layout of your computer: add "
-                f"host = 'us' or another of {', '.join(hosts.every())} to the file, before its "
-                "first table"
+                f"the character '{character}' needs the keyboard layout of your computer, "
+                f"{hosts.typing(character)}: add its host, such as host = "
+                f"'{hosts.first(character)}', to the file, before its first table"
             )
         strokes = host.strokes(character)
         if strokes:

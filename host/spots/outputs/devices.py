@@ -11,6 +11,7 @@ A process that is killed by SIGKILL runs no code. On Linux the kernel then remov
 device and releases its keys.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 from ..common.signals import SECTION
@@ -234,10 +235,22 @@ class Gamepad(Output):
 
 
 class PrintedKeyboard(Keyboard):
-    """Keyboard that prints a line for each key that is pressed or released."""
+    """Keyboard that prints a line for each key that is pressed or released.
+
+    Parameters
+    ----------
+    cap : callable, optional
+        ``cap(page, usage) -> str``: the character on the cap of a key. If it is empty, or not
+        given, the name of the key is printed.
+    """
+
+    def __init__(self, cap: Callable[[int, int], str] | None = None):
+        super().__init__()
+        self._cap = cap
 
     def _set(self, one, pressed):
-        print(f"{'down' if pressed else 'up':4}  {one.name}", flush=True)
+        cap = self._cap(one.page, one.usage) if self._cap else ""
+        print(f"{'down' if pressed else 'up':4}  {cap or one.name}", flush=True)
 
 
 class PrintedGamepad(Gamepad):

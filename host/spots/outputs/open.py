@@ -1,6 +1,7 @@
 """Opens a keyboard or gamepad of this computer, or a substitute that only prints."""
 
 import sys
+from collections.abc import Callable
 
 from ..errors import RequirementError
 from .desktop import DesktopKeyboard
@@ -8,8 +9,10 @@ from .devices import Gamepad, Keyboard, PrintedGamepad, PrintedKeyboard
 from .uinput import UInputGamepad, UInputKeyboard
 
 
-def open_keyboard(dry_run: bool) -> Keyboard:
+def open_keyboard(dry_run: bool, cap: Callable[[int, int], str] | None = None) -> Keyboard:
     """Open a keyboard of this computer or, if `dry_run` is true, a keyboard that only prints.
+
+    It prints ``cap(page, usage)``, the character on the cap of a key, or its name.
 
     Raises
     ------
@@ -17,7 +20,7 @@ def open_keyboard(dry_run: bool) -> Keyboard:
         If a package, a permission, /dev/uinput (on Linux) or a desktop (elsewhere) is missing.
     """
     if dry_run:
-        return PrintedKeyboard()
+        return PrintedKeyboard(cap)
     if sys.platform.startswith("linux"):
         return UInputKeyboard()
     return DesktopKeyboard()

@@ -10,6 +10,7 @@ from rich.console import Console
 from spots.controller.controller import ControllerView, controller_for
 from spots.controller.controller import play as play_gamepad
 from spots.controller.controller_settings import load as load_settings
+from spots.keyboard.hosts import host_of_file
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load as load_layout
@@ -70,7 +71,7 @@ def type_on_board(
     `late_ms`, if given. The other results are those of `TypingScore.summary`.
     """
     layout = load_layout(layout_name)
-    typed, here, there = TypedText(), _Events(), _Events()
+    typed, here, there = TypedText(host_of_file(layout.content)), _Events(), _Events()
     push(board, layout)
     info = hello_calibrated(board)
     engine = KeyEngine(layout, info["length_um"], here, info["decay"], cross=info["cross"])

@@ -7,6 +7,7 @@ from collections import deque
 import numpy as np
 
 from spots.errors import SettingError
+from spots.keyboard.hosts import ALT_GR, KEYS, SHIFT, Host, Stroke
 from spots.keyboard.key_layout import KeyLayout, PlacedKey, parts_of
 from spots.outputs.usages import KEYBOARD, USAGES, name_of, on_caps, usage_of
 from spots_device.keys import layout as lines_of
@@ -15,6 +16,7 @@ from ..strip.files import Finger, ScenarioFile
 from .hands import USUAL, Hands
 from .times import PEOPLE, at_speed
 
+_LEVELS = 0x62  # bits of shift and AltGr
 _SHIFT = 0x22  # bits of the left and the right shift key
 _SHIFTED = dict(zip("1234567890-=[]\\;'`,./", '!@#$%^&*()_+{}|:"~<>?'))
 _CHARACTERS = {" ": "SPACEBAR", "\n": "ENTER"}
@@ -28,11 +30,13 @@ class TypedText:
     """Converts key events to the text that a computer would show.
 
     A key without a character appears as its name in angle brackets. `down` has HID usage page and
-    usage of each pressed key.
+    usage of each pressed key. Without a host, the computer is American.
     """
 
-    def __init__(self):
+    def __init__(self, host: Host | None = None):
         self.text = ""
+        self._host = host
+        self._dead: tuple[Stroke, ...] = ()  # dead keys that wait for the next key
         self.down: set[tuple[int, int]] = set()
         self.presses = 0
 
@@ -45,8 +49,21 @@ class TypedText:
         name = name_of(page, usage)
         if name == "BACKSPACE":
             self.text = self.text[:-1]
-        else:
+        elif self._host is None or page != KEYBOARD or usage not in KEYS or modifiers & ~_LEVELS:
             self.text += _character(page, usage, modifiers) or f"<{on_caps(modifiers)}{name}>"
+        else:
+            self.text += self._on_host(self._host, usage, modifiers)
+
+    def _on_host(self, host: Host, usage: int, modifiers: int) -> str:
+        bits = SHIFT * bool(modifiers & _SHIFT) | modifiers & ALT_GR
+        stroke = Stroke(bits, usage)
+        typed = host.typed(stroke)
+        made = host.made((*self._dead, stroke)) if self._dead else ""
+        if len(typed) > 1 and not made:
+            self._dead = (*self._dead, stroke)
+            return ""
+        self._dead = ()
+        return made or typed or f"<{on_caps(modifiers)}{name_of(KEYBOARD, usage)}>"
 
 
 def _character(page: int, usage: int, modifiers: int) -> str | None:

@@ -42,8 +42,9 @@ async function linesOf(name) {
   return (await answer.text()).split("\n").filter((line) => line && !line.startsWith("#"));
 }
 
-// Returns the label of a key for an action: a character, a key's name or a layer's name.
-export function cap(usages, action) {
+// Returns the label of a key for an action: a character, a key's name or a layer's name. `caps`: the
+// characters on the keys of the layout's computer by the names of the keys, or null.
+export function cap(usages, action, caps = null) {
   const [verb, of] = action.split(/ (.*)/);
   if (WORDS.includes(action)) return action.replace("_", " ");
   if (verb === "sticky" && usages.some((one) => one.name === of)) return of;
@@ -51,6 +52,7 @@ export function cap(usages, action) {
   if (LAYER_VERBS.includes(verb) || NAMED.includes(verb)) return of ?? "";
   const name = (action.length > 1 && action.split("+").at(-1)) || action;
   const found = usages.find((one) => one.name === name.toUpperCase() || one.character === name.toUpperCase());
+  if (found && caps && [...name].length > 1) return caps[found.name] || found.character || found.name;
   return found ? found.character || found.name : name;
 }
 

@@ -88,12 +88,15 @@ export function editor(root) {
   async function loadCharacters({ host, os }) {
     const of = computerOf({ host, os });
     if (known?.of === of) return;
-    known = { of, characters: null };
-    const { characters } = await request("layout", { do: "characters", host, os });
+    known = { of, characters: null, caps: null };
+    const { characters, caps } = await request("layout", { do: "characters", host, os });
     if (known.of !== of) return;
-    known = characters === undefined ? null : { of, characters: new Set(characters) };
+    known = characters === undefined ? null : { of, characters: new Set(characters), caps };
+    engine.draw();
     markText();
   }
+  // The characters on the keys of this computer; null without a host, and until the server has sent them.
+  const caps = () => (draft.value?.content.host && types() ? known.caps : null);
   const find = (typed) => matches(usages, draft.value.content, typed, types());
   // A tap, a text and a macro exclude each other.
   const instead = (slot) => (slot === "tap" ? { text: "", macro: undefined } : {});
@@ -233,7 +236,7 @@ export function editor(root) {
   }
 
   function words(key) {
-    const written = [key.tap, key.firm, key.hold].filter(Boolean).map((action) => cap(usages, action));
+    const written = [key.tap, key.firm, key.hold].filter(Boolean).map((action) => cap(usages, action, caps()));
     if (key.text) written.unshift(capOfText(key.text));
     if (key.macro) written.unshift("macro");
     const characters = written.filter((one) => [...one].length === 1);
