@@ -47,7 +47,10 @@ def test_a_gesture_types_what_its_page_says(page, words, expected):
 
 
 def test_a_macro_waits():
-    assert [ms for _, ms in typed("texts", "a tap on the macro")] == [0, *[200] * 5]
+    times = [ms for _, ms in typed("texts", "a tap on the macro")]
+    assert times[0] < 10  # its modifier comes first
+    assert times[1] - times[0] >= 200
+    assert all(8 <= after - ms < 20 for ms, after in zip(times[1:], times[2:]))
 
 
 @pytest.mark.parametrize("path", sorted((timings.DOCS / "type").glob("*.md")), ids=lambda p: p.stem)
