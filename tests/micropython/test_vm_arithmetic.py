@@ -26,7 +26,6 @@ from spots_device.fingers.state import (
 )
 from spots_device.keys.layout import (
     BEHAVIOUR,
-    CAPS_SIZE,
     CAPS_WORD,
     CONSUMER,
     HOLD_TAP,
@@ -469,7 +468,7 @@ RICH = [
     f"behaviour 2 {TAP_DANCE} 200 2 {action(KEYBOARD, 16)} {action(KEYBOARD, 17)}",
     f"behaviour 3 {MOD_MORPH} 2 0 {action(KEYBOARD, 18)} {action(KEYBOARD, 19)}",
     f"behaviour 4 {KEY_REPEAT}",
-    f"behaviour 5 {CAPS_WORD}" + " 131586" * CAPS_SIZE,
+    f"behaviour 5 {CAPS_WORD}" + " 131586" * 19,
     f"behaviour 6 {STICKY} 500 {action(KEYBOARD, 0xE1)}",
     f"layer {action(CONSUMER, 0xE9)} {action(CONSUMER, 0xEA)}",
     *(f"key {low} {low + 100} {action(KEYBOARD, 4 + low // 100, 2)} 0 0 0 0 0" for low in (0, 100)),

@@ -235,14 +235,7 @@ class Gamepad(Output):
 
 
 class PrintedKeyboard(Keyboard):
-    """Keyboard that prints a line for each key that is pressed or released.
-
-    Parameters
-    ----------
-    cap : callable, optional
-        ``cap(page, usage) -> str``: the character on the cap of a key. If it is empty, or not
-        given, the name of the key is printed.
-    """
+    """Prints a line for each key that is pressed or released: ``cap(page, usage)``, or its name."""
 
     def __init__(self, cap: Callable[[int, int], str] | None = None):
         super().__init__()

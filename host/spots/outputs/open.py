@@ -12,7 +12,17 @@ from .uinput import UInputGamepad, UInputKeyboard
 def open_keyboard(dry_run: bool, cap: Callable[[int, int], str] | None = None) -> Keyboard:
     """Open a keyboard of this computer or, if `dry_run` is true, a keyboard that only prints.
 
-    It prints ``cap(page, usage)``, the character on the cap of a key, or its name.
+    Parameters
+    ----------
+    dry_run : bool
+        Whether to print the keys instead of pressing them.
+    cap : callable, optional
+        ``cap(page, usage) -> str``: the character that is printed for a key; if it is empty, or not
+        given, the name of the key is printed.
+
+    Returns
+    -------
+    Keyboard
 
     Raises
     ------
