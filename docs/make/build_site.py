@@ -98,7 +98,8 @@ def stage(folder: Path) -> None:
         text = _relinked(source(page).read_text(encoding="utf-8"), page)
         path.write_text(text, encoding="utf-8")
     for table in DOCS.glob("*/*.csv"):
-        shutil.copy(table, target / table.relative_to(DOCS))
+        (target / table.parent.name).mkdir(exist_ok=True)
+        shutil.copy(table, target / table.parent.name)
     for name in ("site.css", "site.js", "iframe-worker.js"):
         shutil.copy(_FILES / name, target)
     nav = [{"SPOTS": "index.md"}]
