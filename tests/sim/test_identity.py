@@ -23,8 +23,12 @@ def test_the_id_depends_on_the_number_of_the_board():
 def test_virtual_boards_with_different_seeds_are_different_boards(runtime, monkeypatch):
     if runtime:
         monkeypatch.setenv("SPOTS_VIRTUAL_RUNTIME", runtime)
-    with spots.open("virtual") as first, spots_sim.open(seed=3) as second:
-        assert first.info["id"] != second.info["id"]
+    with (
+        spots.open("virtual") as first,
+        spots_sim.open(seed=3) as second,
+        spots.open("virtual") as third,  # its own id, beside the first one
+    ):
+        assert len({board.info["id"] for board in (first, second, third)}) == 3
         assert first.info["calibration"]
         assert second.info["calibration"]
         assert f"board {second.info['id']}" in second.calibration

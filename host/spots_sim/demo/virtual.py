@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import threading
 import time
 import weakref
 from argparse import Namespace
@@ -46,6 +47,9 @@ from .linkage_demo import Endless, endless, run
 VIRTUAL = "virtual"
 _START_S = 10.0
 _POLL_S = 0.02
+# Sensor file and seed of each open board.
+_open: set[tuple[str, int]] = set()
+_opening = threading.Lock()
 # Environment variable of a virtual board's process.
 _INSIDE = "SPOTS_INSIDE_VIRTUAL_BOARD"
 
@@ -156,7 +160,8 @@ def _await_drive(folder: Path) -> None:
 def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     """Start a virtual board in real time, calibrated on the simulated stage, and open it.
 
-    The board stops when it is closed. The second result is the host time in seconds at which the
+    The board stops when it is closed. A board beside an open one of this program gets the next free
+    seed, and so an id of its own. The second result is the host time in seconds at which the
     scenario's time is 0. SpotsError if an argument or file is invalid, or the board does not start.
     """
     if not isinstance(seed, int) or seed < 0:
@@ -165,7 +170,17 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     load(ScenarioFile, scenario)  # before the strip is calibrated
     file = load(SensorFile, sensor)
     calibration = calibrate(file)
-    start, end = start_simulator(sensor, scenario, seed)
+    seed = _free_seed(sensor, seed)
+    try:
+        start, stop = start_simulator(sensor, scenario, seed)
+    except BaseException:
+        _open.discard((sensor, seed))
+        raise
+
+    def end() -> None:
+        _open.discard((sensor, seed))
+        stop()
+
     try:
         board = _opened(start["port"])
     except BaseException:
@@ -179,6 +194,15 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
         board.close()
         raise
     return board, start["started_s"]
+
+
+def _free_seed(sensor: str, seed: int) -> int:
+    """Return the first seed from `seed` on that no open board of this program has; reserve it."""
+    with _opening:
+        while (sensor, seed) in _open:
+            seed += 1
+        _open.add((sensor, seed))
+    return seed
 
 
 def _opened(port: str) -> Board:
