@@ -39,7 +39,7 @@ def watch(s, b):
         s[c.FITS] = not flags & d.MISFIT or flags & d.TOO_DARK > 0
         if s[c.FITS]:
             s[c.FORCE_MN] = s[c.FORCE_NOW_MN]
-    what = s[c.FIT_SEEN]
+    what = s[c.FIT_SEEN]  # of the reading before
     _compare(s)
     if not s[c.FITS]:
         s[c.ODD] = True
