@@ -51,6 +51,10 @@ _EVENT = const(4)
 
 _BRIEF = const(4)  # tapped keys that are down at the same time
 _CAPS_LOCK = const(0x700039)  # action of caps lock
+# Which tapped keys are released.
+_OVER = const(0)  # those whose time is over
+_MODIFIERS = const(1)
+_ALL = const(2)
 _USAGE = const(0x1F00FFF)  # bits of an action without those of its modifiers
 
 # What decides an open switch.
@@ -199,7 +203,7 @@ class Engine:
         """
         self._t = t
         if self._briefs and self.sink.has_room():
-            self._release_brief(False)
+            self._end_taps(_OVER)
         if self._text is not None:
             self._text.tick(t)
         self.run()
@@ -232,7 +236,7 @@ class Engine:
         """Drop pending double taps, and what is sticky for the next key; end texts and taps."""
         if self._text is not None:
             self._text.forget()
-        self._release_brief(True)
+        self._end_taps(_ALL)
         self._due = self._tapped = _NONE
         if self._dance is not None:
             self._dance.forget()
@@ -354,7 +358,11 @@ class Engine:
         kind = self._queue[at]
         i = self._queue[at + 1]
         waits = self.switches[i * w.SIZE] == w.WAITS
-        if kind == _RELEASE and not waits and not self._holds_modifier(i):
+        if (
+            kind == _RELEASE
+            and not waits
+            and not _is_modifier(self.switches[i * w.SIZE + w.ACTION])
+        ):
             self._do(at)
             self._remove()
             return
@@ -363,10 +371,6 @@ class Engine:
             self._decide(_OTHER_DOWN, t)
         elif kind == _RELEASE and waits:
             self._decide(_OTHER_UP, t)
-
-    def _holds_modifier(self, i):
-        action = self.switches[i * w.SIZE + w.ACTION]
-        return action >> 20 == y.KEYBOARD and action & 0xFFF >= MODIFIERS_FROM
 
     def _do(self, at):
         # Returns whether the event is processed; otherwise an action comes before it.
@@ -613,13 +617,14 @@ class Engine:
     def _press_key(self, i, action, t):
         if self.caps is not None:
             action = self.caps.shifted(action, self.merger.held())
-        if self._briefs:
-            self._make_way()
+        self._end_taps(_MODIFIERS)  # a tapped modifier is not for another key
         if not self.merger.press(self.sink, action, self.hidden):
-            action = 0
+            self._end_taps(_ALL)  # for a place
+            if not self.merger.press(self.sink, action, self.hidden):
+                action = 0
         self.switches[i * w.SIZE + w.ACTION] = action
         self.switches[i * w.SIZE + w.BEGAN] = self._t
-        is_modifier = action >> 20 == y.KEYBOARD and action & 0xFFF >= MODIFIERS_FROM
+        is_modifier = _is_modifier(action)
         if not is_modifier:
             self._key_t = t
             if self._repeat is not None and action >> 20 == y.KEYBOARD:
@@ -678,44 +683,28 @@ class Engine:
         if past(since, self._t) >= self.least_t(action):
             self.merger.release(self.sink, action)
             return
-        b = self._brief
         if self._briefs == _BRIEF:
-            self._drop_brief(0)
+            self._end_taps(_ALL)
         at = 2 * self._briefs
-        b[at] = action
-        b[at + 1] = since
+        self._brief[at] = action
+        self._brief[at + 1] = since
         self._briefs += 1
 
-    def _release_brief(self, every):
-        # Releases the tapped keys whose time is over, or all.
+    def _end_taps(self, which):
         b = self._brief
-        k = 0
-        while k < self._briefs:
-            if every or past(b[2 * k + 1], self._t) >= self.least_t(b[2 * k]):
-                self._drop_brief(k)
-            else:
-                k += 1
-
-    def _make_way(self):
-        # Before another key: a tapped modifier is not for it, and there is a place for it.
-        b = self._brief
-        k = 0
-        while k < self._briefs:
-            if b[2 * k] >> 20 == y.KEYBOARD and b[2 * k] & 0xFFF >= MODIFIERS_FROM:
-                self._drop_brief(k)
-            else:
-                k += 1
-        if self._briefs and not self.merger.has_place():
-            self._drop_brief(0)
-
-    def _drop_brief(self, k):
-        b = self._brief
-        self.merger.release(self.sink, b[2 * k])
-        self._briefs -= 1
-        while k < self._briefs:
-            b[2 * k] = b[2 * k + 2]
-            b[2 * k + 1] = b[2 * k + 3]
-            k += 1
+        k = 2 * self._briefs
+        while k:
+            k -= 2
+            action = b[k]
+            if (
+                which == _ALL
+                or (which and _is_modifier(action))
+                or (not which and past(b[k + 1], self._t) >= self.least_t(action))
+            ):
+                self.merger.release(self.sink, action)
+                self._briefs -= 1
+                b[k] = b[2 * self._briefs]
+                b[k + 1] = b[2 * self._briefs + 1]
 
     def row_of(self, i):
         """Return the row of the key of the switch `i`."""
@@ -812,3 +801,7 @@ class Engine:
         self._on = self.hidden = 0
         for i in range(y.LAYERS_MAX):
             self._momentary[i] = 0
+
+
+def _is_modifier(action):
+    return action >> 20 == y.KEYBOARD and action & 0xFFF >= MODIFIERS_FROM

@@ -125,10 +125,6 @@ class Merger:
         self._instead = bits
         self._set(sink, self._wanted())
 
-    def has_place(self):
-        """Return whether another usage may be pressed."""
-        return self._find(0) >= 0
-
     def held(self):
         """Return the bits of the modifier keys that are pressed, also of those that are hidden."""
         bits = 0
