@@ -14,7 +14,7 @@ from spots.common.guarded import Guarded
 from spots.errors import BoardError, PortError, RefusedError, SpotsError
 from spots.keyboard.key_layout import KeyLayout
 from spots.link.board import Board
-from spots.link.calibrated import start_fault
+from spots.link.calibrated import finger_missing, start_fault
 from spots.link.frames import (
     Contact,
     Key,
@@ -166,6 +166,7 @@ class BoardReader:
             "strip": self._shown,
             "strips": [{name: one.get(name) for name in _FACTS_OF_STRIP} for one in infos],
             "start": start_fault(board.info),
+            "missing": finger_missing(info) or "",
             "port": playing.name if playing else board.port,
             "full_scale": settings["full_scale"],
             "expected": expected_shown(strip, info, settings["dark"]),

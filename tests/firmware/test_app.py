@@ -285,7 +285,7 @@ def test_the_longest_reply_fits_a_frame():
     reply.update(re="hello", protocol=10, firmware="10.10.10", sensor=1, sensors=2)
     reply.update(board="virtual_circuitpython", runtime="circuitpython 10.10.10", id="f" * 34)
     reply.update(length_um=1_000_000, decay=1 << 28, relative_force=False)
-    reply.update(cross=[-1 << 18, -1 << 18, 1 << 28])
+    reply.update(presser="no_finger", cross=[-1 << 18, -1 << 18, 1 << 28])
     assert TEXT_MAX - 50 < len(json.dumps(reply)) <= TEXT_MAX
 
 

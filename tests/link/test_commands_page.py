@@ -61,7 +61,7 @@ def test_each_field_of_a_reply_has_a_row():
 def test_each_line_of_a_calibration_has_a_row():
     table = {row[0].strip("`"): row[1] for row in rows(section(FILES, "Lines of a calibration"))}
     counts = calibration_lines._ONCE | calibration_lines._MANY | calibration_lines._FOR_HOST
-    others = {"board", "plan", "relative", "strain", "from", "x"}
+    others = {"board", "plan", "relative", "presser", "strain", "from", "x"}
     assert {*table} == {*counts, *others}
     for name, count in counts.items():
         assert table[name].split(",")[0] == str(count), name

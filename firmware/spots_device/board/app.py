@@ -444,6 +444,7 @@ class BoardApp:
         reply["decay"] = calibration and calibration.decay
         reply["cross"] = calibration and calibration.cross
         reply["relative_force"] = calibration and calibration.relative_force
+        reply["presser"] = calibration and calibration.presser
         reply["layout"] = self._sums[1] if self.outputs.layout_lines else None
         reply["boot"] = self.boot_faults()
         return reply

@@ -37,6 +37,9 @@ class Calibration:
     relative_force : bool
         Whether forces have no unit: 3000 then means the mean light of the calibration's presses,
         and 6000 twice that light.
+    presser : str or None
+        What the tables are for: ``finger`` or ``indenter``; ``no_finger`` if an indenter
+        calibrated a strip that a finger will press; None if it is unknown.
     baseline : tuple of int
         Light of the untouched strip without the dark frame: six sums of counts over
         `decode.DARK_SAMPLES` samples, with the settings of `conditions`; empty if it is unknown.

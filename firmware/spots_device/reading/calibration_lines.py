@@ -10,6 +10,8 @@ with examples of their values::
     made 9 9999 20             gain code, exposure in us, LED current in mA
     touch 300 200              force in mN at which a touch begins and ends
     relative                   forces have no unit, because no weighing scale was used; optional
+    presser finger             what the tables are for: 'finger' or 'indenter'; 'no_finger' if
+                               an indenter calibrated a strip that a finger will press; optional
     coarse 1 -2 ...            six weights, sum 0: the coarse contrast, which selects the segment
     rest 640 12 ...            light of the untouched strip without the dark frame: six sums of
                                counts over 64 samples; optional
@@ -66,6 +68,7 @@ _STRAIN_Q = 12
 _SHARE_MAX = 1 << 12
 _SIZE_MAX = 1 << 17
 
+_PRESSERS = "finger", "indenter", "no_finger"
 # Name of a statement: number of its integers.
 _ONCE = {"made": 3, "touch": 2, "coarse": 6, "fit": 6, "rest": 6, "silicone": 13}
 _ONCE["temperature"] = 3
@@ -102,6 +105,7 @@ def fill(made, lines, strain_ppm):
         if name not in seen and name not in _OPTIONAL:
             raise CalibrationError("the line '%s' is missing" % name)
     made.relative_force = "relative" in seen
+    made.presser = seen.get("presser")
     made.touch_on_mN, made.touch_off_mN = seen["touch"]
     if not 0 < made.touch_off_mN <= made.touch_on_mN:
         raise CalibrationError("'touch' needs two forces, 0 < end <= begin")
@@ -242,7 +246,7 @@ def _take(line, words, seen, strains):
             tables[-1].append(_integers(line, 4, _CROSS[name]))
     elif name in seen:
         raise CalibrationError("the line '%s' appears twice" % name)
-    elif name == "board" and len(words) == 2:
+    elif len(words) == 2 and (name == "board" or (name == "presser" and words[1] in _PRESSERS)):
         seen[name] = words[1]
     elif name == "plan":
         seen[name] = tuple(words[1:])

@@ -15,7 +15,7 @@ from ..errors import AtPromptError, BoardError, SpotsError, printable
 from ..link import lamps
 from ..link.advice import stored_calibration, stored_layout
 from ..link.board import Board
-from ..link.calibrated import next_step, start_fault
+from ..link.calibrated import finger_missing, next_step, start_fault
 from ..link.connect import open as open_board
 from ..link.frames import Spectrum
 from ..link.key_exposure import sentence, shortest_us
@@ -145,6 +145,8 @@ def examine_board(board: Board, mark: float | None = None) -> Iterator[Finding]:
     step = next_step(hello)
     text = f"not yet; {step}" if step else f"a strip of {hello['length_um'] / 1000:g} mm"
     yield Finding("calibrated", True, text)
+    if missing := finger_missing(hello):
+        yield Finding("presser", False, missing)
     yield from _keys(board, hello)
     if mark is not None:
         yield from _mark(board, state, hello, mark)

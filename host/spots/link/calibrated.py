@@ -5,7 +5,7 @@ An engine turns readings into results, such as key events.
 
 import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ..common.signals import resumed
@@ -34,6 +34,17 @@ def hello_calibrated(board: Board) -> Hello:
 def next_step(info: Hello) -> str | None:
     """Return advice for the user if a reply to ``hello`` shows no calibration, else None."""
     return None if info.get("length_um") else "next: spots calibrate"
+
+
+NO_FINGER = "calibrated with an indenter, not yet with a finger"
+
+
+def finger_missing(info: Mapping[str, Any]) -> str | None:
+    """Return advice if a finger will read wrong positions on a strip; None if none is needed.
+
+    `info` is a reply to ``hello``.
+    """
+    return f"{NO_FINGER}; next: spots rezero" if info.get("presser") == "no_finger" else None
 
 
 def start_fault(info: Hello) -> str:

@@ -265,6 +265,7 @@ def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
     board.calibration = list(calibration)
     board.info["calibration"], board.info["length_um"] = name, made.length_um
     board.info["decay"], board.info["relative_force"] = made.decay, made.relative_force
+    board.info["presser"] = made.presser
     if i["exposure_us"] != made.conditions.exposure_us:
         rescale(made, i["exposure_us"])
     board.info["cross"] = made.cross and list(made.cross)

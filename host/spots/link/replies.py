@@ -59,8 +59,9 @@ class Hello(Settings):
     """The reply to ``hello``: the board's identity and settings.
 
     ``id`` is None if the board has no id; ``layout`` is None if it uses the default layout. If it
-    has no calibration that is valid at its settings, ``length_um``, ``decay``, ``relative_force``
-    and ``calibration`` are None. ``cross`` is None if the calibration has no cross-sensitivity, see
+    has no calibration that is valid at its settings, ``length_um``, ``decay``, ``relative_force``,
+    ``presser`` and ``calibration`` are None. ``presser`` is also None if it is unknown. ``cross``
+    is None if the calibration has no cross-sensitivity, see
     `spots_device.reading.calibration.Calibration.cross`. ``boot`` has a sentence for each fault at
     the start of the board, such as a damaged file.
     """
@@ -73,6 +74,7 @@ class Hello(Settings):
     decay: _Count | None
     cross: _Cross | None
     relative_force: bool | None
+    presser: str | None
     calibration: str | None
     layout: str | None
     boot: list[str]

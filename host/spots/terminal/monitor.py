@@ -1,6 +1,7 @@
 """``spots monitor`` and ``spots replay``: show the readings of a board."""
 
 import math
+import sys
 from contextlib import suppress
 
 from rich.console import Group
@@ -8,7 +9,7 @@ from rich.console import Group
 from ..errors import BoardError
 from ..link.advice import advice_for, streams
 from ..link.board import Board
-from ..link.calibrated import next_step
+from ..link.calibrated import finger_missing, next_step
 from ..link.frames import Touch
 from ..link.lines import of_sensor
 from ..link.replies import Hello
@@ -34,6 +35,10 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
         ]
         advices = [advice_for(board, info, number) for number, info in enumerate(infos)]
         advising = not quiet and not next_step(infos[0])  # otherwise the command prints it
+        missing = [finger_missing(info) or "" for info in infos]
+        if advising and not display:
+            for one in filter(None, dict.fromkeys(missing)):
+                print(f"spots: {one}", file=sys.stderr)
         started_s = board.now_s()
         pace = Pace()
         paces = [Pace(PLAIN_LINES_PER_S) for _ in infos]
@@ -57,7 +62,7 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
             view.take(frame)
             if advising:
                 (advice.take if display else advice.warn)(frame, now_s)
-                view.advice = advice.sentence
+                view.advice = advice.sentence or missing[frame.sensor]
             if isinstance(frame, Touch):
                 started_s = min(started_s, frame.time_s)  # a reading is older than its frame
                 if judge is not None:

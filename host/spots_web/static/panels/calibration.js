@@ -6,8 +6,8 @@ import { ruler } from "./strip.js";
 
 const KINDS = [
   ["rough", "Rough", "A fingertip and a ruler: 12 presses at most, five minutes."],
-  ["fine", "Fine", "An indenter, a ruler and a scale: 45 presses at most."],
-  ["rezero", "Re-zero", "A fingertip on three marks: corrects the drift of the calibration."],
+  ["fine", "Fine", "An indenter, a ruler and a scale: 45 presses at most; then a finger on three marks."],
+  ["rezero", "Re-zero", "Three marks, pressed with what uses the strip: corrects the drift of the calibration."],
 ];
 const PRACTISE = "Practise a calibration: strip, finger, ruler and scale are simulated";
 const PRACTISED = { done: "The practice is done", stopped: "The practice is stopped", failed: "The practice has ended early" };

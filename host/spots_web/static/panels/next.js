@@ -7,7 +7,7 @@ export function next(root) {
     const state = last, reading = state.calibration?.running ? "" : sentence(state.touch, state.untrusted);
     const words = state.connection !== "live"
       ? "the server does not answer; next: start 'spots serve' again, and this window reconnects"
-      : state.board?.next || played(state.recording) || (reading && strip(state.board) + here(state, reading)) || state.board?.start || "";
+      : state.board?.next || played(state.recording) || (reading && strip(state.board) + here(state, reading)) || state.board?.start || here(state, state.board?.missing) || "";
     if (root.textContent !== words) root.textContent = words;
     root.hidden = !words;
   };
@@ -36,7 +36,7 @@ function strip(board) {
 
 // If this browser may calibrate, the next step names a button of this window instead of a command.
 function here(state, reading) {
-  if (!state.may_command || !state.calibration) return reading;
+  if (!reading || !state.may_command || !state.calibration) return reading;
   return reading
     .replace("spots rezero", (command) => (state.calibration.rezero ? way("calibrate", "press ‘Re-zero’") : command))
     .replace("spots calibrate", () => way("calibrate", "choose ‘Rough’ or ‘Fine’"));
