@@ -14,7 +14,7 @@ from spots.common.guarded import Guarded
 from spots.errors import BoardError, PortError, RefusedError, SpotsError
 from spots.keyboard.key_layout import KeyLayout
 from spots.link.board import Board
-from spots.link.calibrated import finger_missing, start_fault
+from spots.link.calibrated import start_fault
 from spots.link.frames import (
     Contact,
     Key,
@@ -166,7 +166,6 @@ class BoardReader:
             "strip": self._shown,
             "strips": [{name: one.get(name) for name in _FACTS_OF_STRIP} for one in infos],
             "start": start_fault(board.info),
-            "missing": finger_missing(info) or "",
             "port": playing.name if playing else board.port,
             "full_scale": settings["full_scale"],
             "expected": expected_shown(strip, info, settings["dark"]),
@@ -276,7 +275,7 @@ def _settings(board: Board | OneStrip) -> dict:
 # Values of ``hello`` that the web UI shows: of the chosen strip, and of every strip.
 _FACTS = (
     *("id", "board", "runtime", "firmware", "calibration", "length_um", "relative_force"),
-    *("channels", "gain", "exposure_us", "led_mA", "led", "average", "strain_ppm"),
+    *("presser", "channels", "gain", "exposure_us", "led_mA", "led", "average", "strain_ppm"),
 )
 _FACTS_OF_STRIP = "id", "calibration", "length_um", "relative_force"
 

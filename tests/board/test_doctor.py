@@ -8,12 +8,15 @@ import pytest
 from support.boards import virtual_board
 from support.sensors import replaced
 
+from spots.calibrate.calibration_file import INDENTER
+from spots.calibrate.pressers import marked
 from spots.cli import main
 from spots.deploy.doctor import examine, examine_board
 from spots.deploy.staging import stage
 from spots.keyboard.layout import load as layout
 from spots.link.connect import upload
 from spots.link.finder import finder
+from spots.terminal.monitor import watch
 from spots_sim.chip.converter import Converter
 from spots_sim.person.stage import NEAR_UM, Stage, calibrate
 from spots_sim.strip.change import Change
@@ -299,6 +302,22 @@ def test_monitor_ends_with_the_next_step_where_a_board_is_not_calibrated(tmp_pat
 def test_monitor_has_no_next_step_for_a_calibrated_board(capsys):
     assert main(["monitor", "--port", "virtual", "--seconds", "0.5"]) == 0
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.board
+@pytest.mark.parametrize("chosen", [False, True])
+def test_a_strip_that_no_finger_has_calibrated_is_told(chosen, capsys):
+    sensor = load(SensorFile, "default")
+    with Stage(sensor) as stage:
+        upload(stage.board, marked(calibrate(sensor), INDENTER, chosen))
+        stage.press(NEAR_UM, 8_000)
+        found = [finding for finding in examine_board(stage.board) if finding.check == "presser"]
+        watch(stage.board, 0.2, quiet=False)
+    said = [] if chosen else ["calibrated with an indenter, not yet with a finger"]
+    assert [text.split(";")[0] for _, _, text in found] == said
+    assert [line.split(";")[0] for line in capsys.readouterr().err.splitlines()] == [
+        f"spots: {one}" for one in said
+    ]
 
 
 @pytest.mark.board

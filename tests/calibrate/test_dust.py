@@ -50,6 +50,8 @@ class Room(io.StringIO):
         return super().write(text)
 
     def readline(self):
+        if "draw marks" in self.question:
+            return "later\n"  # only the presses of the indenter count
         return self.person.answer(self.question) + "\n"
 
 
@@ -141,7 +143,7 @@ def test_a_rezero_measures_new_dust(sensor, tmp_path):
         off_um, missing = errors_um(stage, path)
     assert not Calibration(made.lines).baseline
     assert max(Calibration(new.lines).baseline) > 300
-    assert new.original == made.lines
+    assert new.original == made.original
     assert missing == 0
     assert np.abs(off_um).mean() < 110
 

@@ -48,6 +48,13 @@ DRIFT = Change(die_nm=-1.0, phosphor_nm=1.0, dye_percent=-2.0)
 EXPOSURE_US = 30_000
 
 
+class Staying(StagePresser):
+    """A stage whose strip is only used by its indenter."""
+
+    def next_presser(self):
+        return file.INDENTER
+
+
 @pytest.fixture(scope="module")
 def full(sensor, tmp_path_factory):
     """Path of the session file of a complete calibration; the calibration file is beside it."""
@@ -56,7 +63,7 @@ def full(sensor, tmp_path_factory):
     with Stage(sensor, settings=f"exposure_us={EXPOSURE_US}") as stage:
         guide = Guide(Console(file=io.StringIO()))
         out = path.with_suffix(".toml")
-        bench = Bench(stage.reader, StagePresser(stage), guide, stage.length_um, out)
+        bench = Bench(stage.reader, Staying(stage), guide, stage.length_um, out)
         for kind in ("position", "force", "strain"):
             steps.calibrate(bench, Session(path), kind, 0, 10, options)
     return path
@@ -70,7 +77,7 @@ def made(full):
 class Drifted:
     """A calibrated board whose strip has drifted, and a `Bench` that presses its marks."""
 
-    def __init__(self, sensor, made, path, presser=StagePresser, change=DRIFT):
+    def __init__(self, sensor, made, path, presser=Staying, change=DRIFT):
         self.stage = Stage(sensor, seed=5)
         self.board = self.stage.board
         self.board.command("set " + settings(made.conditions))
@@ -131,8 +138,8 @@ def rezeroed(full, sensor, tmp_path_factory):
 
 
 @pytest.mark.board
-def test_a_calibration_ends_with_three_marks(full, made, sensor):
-    assert made.marks.place_um == (8500.0, 42_500.0, 76_500.0)
+def test_a_calibration_ends_with_nine_marks(full, made, sensor):
+    assert made.marks.place_um == tuple(8500.0 * (1 + i) for i in range(9))
     assert [p.place_um for p in Session(full).of("mark")] == list(made.marks.place_um)
     optics = Optics(sensor)
     for place_um, logs in zip(made.marks.place_um, made.marks.logs):
@@ -149,13 +156,20 @@ def test_a_session_of_before_marks_is_asked_for_them_alone(full, tmp_path, capsy
     assert make(Session(path), print).marks is None
     words = ["--session", str(path), "--port", "virtual"]
     assert cli.main(["calibrate", "force", *words]) == 0
-    assert capsys.readouterr().out.count(" mm with ") == 3
+    assert capsys.readouterr().out.count(" mm with ") == 9
     assert file.load(path.with_suffix(".toml")).marks is not None
 
 
 def test_a_file_with_marks_and_history_is_loaded_as_it_was_saved(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "a.toml") as strip:
+        strip.board.command("set keys=1")
+        press, keys = strip.stage.press, []
+        strip.stage.press = lambda *words: (
+            keys.append(strip.board.command("get")["keys"]) or press(*words)
+        )
         new = rezero(strip.bench, made)
+        assert keys == [0, 0, 0]  # a keyboard would type into the terminal
+        assert strip.board.command("get")["keys"] == 1
     file.save(new, tmp_path / "a.toml", None)
     assert file.load(tmp_path / "a.toml") == new
     assert new.original == made.lines != new.lines
@@ -197,11 +211,11 @@ def test_a_step_after_a_re_zero_keeps_it(full, made, sensor, tmp_path, kind):
 
 def test_no_shift_changes_nothing(made):
     zero = np.zeros((3, 6))
-    assert tuple(shifted(made.lines, made.marks.place_um, zero)) == made.lines
+    assert tuple(shifted(made.lines, made.marks.place_um[::4], zero)) == made.lines
 
 
 def test_light_common_to_all_channels_moves_the_brightness_alone(made):
-    lines = shifted(made.lines, made.marks.place_um, np.full((3, 6), 0.25))
+    lines = shifted(made.lines, made.marks.place_um[::4], np.full((3, 6), 0.25))
     for old, new in zip(made.lines, lines):
         if old.startswith("x "):
             moved = [int(b) - int(a) for a, b in zip(old.split()[1:], new.split()[1:])]
@@ -220,7 +234,7 @@ def test_tables_are_shifted_by_the_sums_of_the_channels_shifts(made):
     def c(x_um):
         return coefficients[0] + coefficients[1] * x_um + coefficients[2] * x_um**2
 
-    places = np.array(made.marks.place_um)
+    places = np.array(made.marks.place_um[::4])
     lines = shifted(made.lines, places, np.array([c(x) for x in places]))
     for strain in (0, 100_000):
         old, new = Calibration(made.lines, strain), Calibration(lines, strain)
@@ -245,7 +259,7 @@ def test_a_drift_beyond_the_tables_is_one_sentence(made):
     wild = np.zeros((3, 6))
     wild[1, 0] = 4.0
     with refusal(CalibrationError):
-        shifted(made.lines, made.marks.place_um, wild)
+        shifted(made.lines, made.marks.place_um[::4], wild)
 
 
 # ---- a re-zero on the real firmware
@@ -295,7 +309,7 @@ def test_a_scale_brings_the_force_back(made, sensor, tmp_path):
 def test_a_quick_one_takes_out_what_is_alike_everywhere(made, sensor, tmp_path):
     led = Change(phosphor_nm=1.0)
     with Drifted(sensor, made, tmp_path / "a.toml", change=led) as strip:
-        new = rezero(strip.bench, made, quick=True)
+        new = rezero(strip.bench, made, marks=1)
         assert len(new.rezeros[-1].place_um) == 1
         use(strip.bench, made, new)
         assert np.abs(strip.errors()[0]).mean() < 300
@@ -346,7 +360,7 @@ def test_a_bad_rezero_is_refused(made, sensor, tmp_path, presser, force_N, says)
     with Drifted(sensor, made, tmp_path / "a.toml", presser) as strip:
         if force_N and force_N < 1:
             press = strip.stage.press
-            strip.stage.press = lambda place_um, force_mN: press(place_um, 6000.0)
+            strip.stage.press = lambda place_um, *more: press(place_um, 6000.0)
         with pytest.raises(SpotsError, match=says):
             rezero(strip.bench, made, force_mN=force_N and 1000 * force_N)
 
@@ -615,7 +629,7 @@ def test_the_command_re_zeroes_a_strip_that_changed_as_its_file_says(made, tmp_p
     new = file.load(path)
     assert f"stores calibration {checksum(list(new.lines))}" in out
     assert "paler" in new.rezeros[0].drift
-    assert cli.main([*words, "--quick"]) == 0
+    assert cli.main([*words, "--marks", "1"]) == 0
     assert [len(r.place_um) for r in file.load(path).rezeros] == [3, 1]
 
 
@@ -725,7 +739,7 @@ def test_a_shaky_hand_adds_less_the_more_often_it_presses(sensor):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--rezero", "2"], "--rezero must be 0, 1 or 3 marks, not 2"),
+        (["--rezero", "2"], "--rezero must be 0, 1, 3, 5 or 9 marks, not 2"),
         (["--rezero", "1", "--mark-error-um", "-1"], "--mark-error-um must be 0 or more"),
         (["--change", "nosuch"], "cannot read the change file nosuch.*mixed"),
     ],

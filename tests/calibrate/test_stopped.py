@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from spots.calibrate.session import dark, rezero
+from spots.calibrate.session import calibrate, dark
 from spots.cli import main
 from spots.controller import controller_setup
 from spots_linkage import twin
@@ -61,7 +61,7 @@ def test_dark_names_the_led(monkeypatch, capsys):
 
 def test_a_re_zero_names_the_unchanged_file(monkeypatch, capsys):
     shutil.copy(FILES / "joint.toml", "a.toml")
-    monkeypatch.setattr(rezero, "rezero", stop)
+    monkeypatch.setattr(calibrate, "rezero", stop)
     assert main(["rezero", "a.toml", "--port", "virtual"]) == 130
     assert "a.toml and the board are unchanged; run the command again" in capsys.readouterr().err
 

@@ -115,7 +115,9 @@ NO_EFFECT = {
     "twin --linkage arm.toml --port a --port b --measure p.csv --seconds 1": "leave out --measure",
     "characterize --presses 3": "add --rezero 3",
     "characterize --mark-error-um 30": "add --rezero 3",
-    "rezero --joint --force-N 1": "the indenter of a joint presses with a force of its own",
+    "rezero --joint --force-N 1": "a joint presses with its own indenter, and --use not at all",
+    "rezero --joint --with finger": "a joint presses with its own indenter, and --use not at all",
+    "rezero --use finger --marks 5": "--use presses nothing",
 }
 
 

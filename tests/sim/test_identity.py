@@ -47,9 +47,9 @@ def test_a_calibration_belongs_to_the_virtual_board_of_its_seed(tmp_path, capsys
     session, made = str(tmp_path / "a.jsonl"), str(tmp_path / "a.toml")
     words = ["calibrate", "--rough", "--port", "virtual", "--session", session]
     assert cli.main([*words, "--seed", "4"]) == 0
-    assert cli.main(["rezero", made, "--port", "virtual", "--seed", "4", "--quick"]) == 0
+    assert cli.main(["rezero", made, "--port", "virtual", "--seed", "4", "--marks", "1"]) == 0
     with spots_sim.open(seed=4) as board:
         assert json.loads(open(session).readline())["board"] == board.info["id"]
     capsys.readouterr()
-    assert cli.main(["rezero", made, "--port", "virtual", "--quick"]) == 2
+    assert cli.main(["rezero", made, "--port", "virtual", "--marks", "1"]) == 2
     assert "the calibration was made on board" in capsys.readouterr().err

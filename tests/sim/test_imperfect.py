@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from support.sensors import replaced
 
+from spots.calibrate.calibration_file import INDENTER
+from spots.calibrate.pressers import used_by
 from spots.errors import SpotsError
 from spots_sim.board.identity import board_id
 from spots_sim.measure.bound import Bound
@@ -319,16 +321,21 @@ def test_errors_of_a_strip_are_measured_by_force(sensor):
 
 
 @pytest.mark.board
-def test_a_person_calibrates_the_strip_by_hand(sensor):
-    with Rig(sensor, 0, 10_000, 1) as rig:
-        by_stage = rig.lines
+def test_a_person_calibrates_the_strip_by_hand_and_then_with_a_finger(sensor):
+    def error_mm(lines, by_hand):
+        rig.use(lines)
+        rig.stage.by_hand = by_hand
+        (firm,) = errors(rig, (3.0,), readings=6, places=(0.2, 0.5, 0.8))
+        assert firm.missing_percent == 0
+        return firm.error_mm
+
+    with Rig(with_keys(sensor, {"contact.skin_percent": 3.0}), 0, 10_000, 1) as rig:
         made = calibrate_by_hand(rig.stage, seed=1, count=22)
         assert (made.gain, made.exposure_us) == (rig.conditions.gain, 10_000)
-        rig.use(made.lines)
-        assert rig.lines == made.lines != by_stage
-        (firm,) = errors(rig, (3.0,), readings=6, places=(0.2, 0.5, 0.8))
-    assert firm.error_mm < 0.25
-    assert firm.missing_percent == 0
+        indenter = used_by(made, INDENTER).lines
+        assert error_mm(indenter, by_hand=False) < 0.25
+        assert error_mm(indenter, by_hand=True) > 0.8
+        assert error_mm(made.lines, by_hand=True) < 0.4
 
 
 @pytest.mark.board

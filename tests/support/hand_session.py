@@ -45,6 +45,8 @@ class Room(io.StringIO):
         return super().write(text)
 
     def readline(self):
+        if "draw marks" in self.question:
+            return "later\n"  # only the presses of the indenter count
         answer = self.person.answer(self.question)
         self.asked.append((self.question, answer))
         return ((self.answers.pop(0) if self.answers else "") or answer) + "\n"

@@ -191,6 +191,16 @@ def test_the_page_of_an_uncalibrated_board_ends_with_the_next_step(sensor, serve
         one.close()
 
 
+def test_a_strip_that_no_finger_has_calibrated_is_told(serve, open_page):
+    state = PageState()
+    state.put("board", {"state": "connected", "presser": "no_finger"})
+    page = open_page(serve(state).url)
+    said = "calibrated with an indenter, not yet with a finger; next: spots rezero"
+    expect(page.locator("#next")).to_have_text(said, timeout=LONG_MS)
+    state.put("board", {"state": "connected", "presser": "finger"})
+    expect(page.locator("#next")).to_be_hidden()
+
+
 def test_a_touch_without_a_position_shows_no_position(serve, open_page):
     state, dark = PageState(), Touch(0, 0, 0, TOUCHING | LED_OFF, 0, 0, math.nan, math.nan, 0.0)
     state.put("board", {"state": "connected", "length_um": 85_000})

@@ -13,7 +13,7 @@ import re
 import zlib
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -51,6 +51,9 @@ _Logs = Annotated[
 
 
 Celsius = Annotated[float, msgspec.Meta(ge=-100, le=200)]
+Presser = Literal["finger", "indenter"]
+FINGER: Presser = "finger"
+INDENTER: Presser = "indenter"
 
 
 class Residual(toml.Strict, kw_only=True):
@@ -111,28 +114,30 @@ class Joint(toml.Strict, kw_only=True):
 
 
 class Marks(toml.Strict, kw_only=True):
-    """Reference presses at three marked positions, which ``spots rezero`` repeats to measure drift.
+    """Reference presses at marked positions, which ``spots rezero`` repeats to measure drift.
 
     Attributes
     ----------
-    place_um : tuple of float, length 3
-        Distances of the marks from the strip's end at the sensor in um, ascending.
+    place_um : tuple of float, length n
+        Distances of the marks from the strip's end at the sensor in um, ascending; three or more.
     force_mN : float
         Force of each press in mN; 0 for a joint, whose indenter presses all the time.
-    logs : tuple of tuple of float, shape (3, 6)
+    logs : tuple of tuple of float, shape (n, 6)
         log2 of the dark-subtracted counts; one row for each mark, one column for each channel.
-    angle_deg : tuple of float, length 3, or None
+    angle_deg : tuple of float, length n, or None
         Angles of the joint at the marks, in degrees; None for marks that a person presses.
     """
 
-    place_um: tuple[PlaceUm, PlaceUm, PlaceUm]
+    place_um: Annotated[tuple[PlaceUm, ...], msgspec.Meta(min_length=3, max_length=99)]
     force_mN: ForceMN
-    logs: tuple[_Logs, _Logs, _Logs]
-    angle_deg: tuple[Degrees, Degrees, Degrees] | None = None
+    logs: tuple[_Logs, ...]
+    angle_deg: tuple[Degrees, ...] | None = None
 
     def __post_init__(self):
-        if not self.place_um[0] < self.place_um[1] < self.place_um[2]:
+        if sorted({*self.place_um}) != [*self.place_um]:
             raise ValueError("the places of the marks must ascend")
+        if {len(self.logs), len(self.angle_deg or self.logs)} != {len(self.place_um)}:
+            raise ValueError("each mark needs its own logs, and its angle if others have one")
 
 
 class Rezero(toml.Strict, kw_only=True):
@@ -149,6 +154,8 @@ class Rezero(toml.Strict, kw_only=True):
         errors of force and position of the presses. Rows are marks, columns are channels.
     drift : str
         Description of the drift, for example ``dye 1.9 % paler``.
+    presser : {"finger", "indenter"} or None
+        What pressed the marks; None in a file of a version that did not store it.
     temperature_C : float or None
         Temperature of the board in degrees Celsius; None if the board cannot measure it.
     """
@@ -157,6 +164,7 @@ class Rezero(toml.Strict, kw_only=True):
     place_um: tuple[PlaceUm, ...]
     shifts: tuple[_Logs, ...]
     drift: str
+    presser: Presser | None = None
     temperature_C: Celsius | None = None
 
 
@@ -170,8 +178,12 @@ class CalibrationFile(toml.Strict, kw_only=True):
     board, plan, gain, exposure_us, led_mA
         Board and settings of the calibration; `plan` is the choice of the six channels. See
         `spots_device.reading.calibration.Conditions`.
+    presser : {"finger", "indenter"} or None
+        What pressed the strip for the calibration; None in a file of a version that did not store
+        it.
     lines : tuple of str
-        Calibration lines that the board uses, see `spots_device.reading.calibration_lines`.
+        Calibration lines that the board uses, see `spots_device.reading.calibration_lines`. Their
+        line ``presser`` names for what they are: a finger or an indenter.
     original : tuple of str
         Calibration lines before the first re-zero; empty if there was no re-zero.
     residuals : list of Residual
@@ -183,7 +195,8 @@ class CalibrationFile(toml.Strict, kw_only=True):
     joint_marks : Marks or None
         Marks at the lowest, a middle and the highest angle of the joint; None without a joint.
     rezeros : list of Rezero
-        All re-zeros, oldest first. `lines` contains the correction of the last re-zero only.
+        All re-zeros, oldest first. `lines` contains the correction of the last re-zero with one
+        presser only, see `pressers.used_by`.
     """
 
     date: datetime
@@ -192,6 +205,7 @@ class CalibrationFile(toml.Strict, kw_only=True):
     gain: Gain
     exposure_us: ExposureUs
     led_mA: LedMA
+    presser: Presser | None = None
     lines: tuple[str, ...]
     original: tuple[str, ...] = ()
     residuals: list[Residual] = []

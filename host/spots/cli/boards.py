@@ -197,7 +197,28 @@ def rezero(parser: Parser):
         help="calibration file to correct; calibration.toml if not given",
     )
     arguments.add_port(parser, arguments.READ_ONLY)
-    parser.flag("--quick", "press only the middle mark; this cannot correct a bleached dye")
+    parser.option(
+        "--marks",
+        "N",
+        "number of marks to press, 1, 3, 5 or 9; 3 if not given. One cannot correct a bleached "
+        "dye, three cannot correct a dye that has changed at one place",
+        type=arguments.whole,
+        choices=(1, 3, 5, 9),
+        default=3,
+    )
+    parser.option(
+        "--with",
+        "PRESSER",
+        "what presses the marks, finger or indenter; if not given, what uses the strip",
+        dest="presser",
+        choices=("finger", "indenter"),
+    )
+    parser.option(
+        "--use",
+        "PRESSER",
+        "press nothing; the board gets the tables for a finger or an indenter from the file",
+        choices=("finger", "indenter"),
+    )
     parser.flag("--joint", "use the lowest, a middle and the highest angle of a joint as marks")
     parser.option(
         "--presses", "N", "number of presses at each mark", type=arguments.presses, default=1
@@ -209,12 +230,17 @@ def rezero(parser: Parser):
         type=arguments.force_N,
     )
     parser.needs(
-        ["--force-N"],
-        lambda options: not options.joint,
-        "the indenter of a joint presses with a force of its own",
+        ["--force-N", "--with"],
+        lambda options: not (options.joint or options.use),
+        "a joint presses with its own indenter, and --use not at all",
+    )
+    parser.needs(
+        ["--joint", "--presses", "--marks"],
+        lambda options: not options.use,
+        "--use presses nothing",
     )
     parser.set_defaults(length_mm=None)
-    return calls("spots.calibrate.session.rezero:rezero_command")
+    return calls("spots.calibrate.session.calibrate:rezero_command")
 
 
 def dark(parser: Parser):

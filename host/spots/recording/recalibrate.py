@@ -7,7 +7,7 @@ temperature, silicone) comes from the board's STATE frames, see docs/extend/prot
 
 import struct
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -19,7 +19,8 @@ from spots_device.reading import frame
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.kernel import TOUCH_BODY
 
-from ..calibrate.calibration_file import load
+from ..calibrate.calibration_file import FINGER, INDENTER, load
+from ..calibrate.pressers import is_known, used_by
 from ..common import atomic
 from ..errors import CalibrationError, FileError, SettingError
 from ..link.decoder import NOTE, checked, framed
@@ -307,8 +308,15 @@ def recalibrated(path: str | Path, *calibrations: str | Path | Sequence[str]) ->
         return read_arrays(out)
 
 
-def _lines(one: str | Path | Sequence[str]) -> list[str]:
-    return list(load(Path(one)).lines) if isinstance(one, (str, Path)) else list(one)
+def _lines(one: str | Path | Sequence[str], strips: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return lines of a calibration; of a file, those for what pressed the recorded strip."""
+    if not isinstance(one, (str, Path)):
+        return list(one)
+    made = load(Path(one))
+    presser = next((info.get("presser") for info in strips if info.get("id") == made.board), None)
+    if presser in (FINGER, INDENTER) and is_known(made, presser):
+        made = used_by(made, presser)
+    return list(made.lines)
 
 
 def _by_sensor(
@@ -317,7 +325,7 @@ def _by_sensor(
     sensors = {info.get("id"): i for i, info in enumerate(recording.header.strips)}
     found: dict[int, list[str]] = {}
     for one in calibrations:
-        lines = _lines(one)
+        lines = _lines(one, recording.header.strips)
         try:
             board = Calibration(lines).conditions.board
         except ValueError as error:
@@ -356,6 +364,7 @@ def _renewed(header: Header, new: dict[int, list[str]]) -> Header:
             length_um=made.length_um,
             decay=made.decay,
             relative_force=made.relative_force,
+            presser=made.presser,
         )
     info = dict(header.info)
     info.update(strips[0])

@@ -1,8 +1,9 @@
 """Measures a strip as its maker uses it: calibrated by hand, and then worn bent in a lit room.
 
-A simulated person calibrates the strip `first` with 45 presses. Then it is bent by 45 degrees, and
-a person presses the three marks of a re-zero in this pose. Everything happens under 5 uW/cm2 of
-ambient light. Prints one line of JSON for each hand (random seed), and then their median or sum:
+A simulated person calibrates the strip `first` with 45 presses of an indenter, and presses three
+marks with a finger. Then it is bent by 45 degrees, and the person presses the marks again in this
+pose. Everything happens under 5 uW/cm2 of ambient light. Prints one line of JSON for each hand
+(random seed), and then their median or sum:
 
     python -m spots_sim.demo.made_at_home positions --first-seed 7000 --hands 5
     python -m spots_sim.demo.made_at_home typing 40 60
@@ -18,6 +19,8 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from spots.calibrate.calibration_file import INDENTER
+from spots.calibrate.pressers import used_by
 from spots.calibrate.session.bench import Bench
 from spots.calibrate.session.rezero import rezero
 from spots.cli import arguments
@@ -94,20 +97,27 @@ def _worn_lines(sensor: str, seed: int, exposure_us: int) -> tuple[str, ...]:
 
 
 def _positions(sensor: str, seed: int, exposure_us: int, readings: int = _READINGS) -> dict:
-    """Measure the mean error in mm of each force in four states of a strip.
+    """Measure the mean error in mm of each force in five states of a strip.
 
-    ``as calibrated`` and ``bent``: an indenter presses it. ``worn`` and ``re-zeroed``: a finger
-    presses the bent strip, before and after a re-zero.
+    An indenter, a finger without and with its marks press the flat strip; the finger presses the
+    bent strip, before and after a re-zero.
     """
+    found = {}
     with _by_hand(_lit(sensor), seed, exposure_us) as (rig, made):
-        flat = errors(rig, FORCES_N, seed, readings)
-        rig.stage.held.bend_deg = BEND_DEG
-        bent = errors(rig, FORCES_N, seed, readings)
+
+        def measure(name: str) -> None:
+            found[name] = errors(rig, FORCES_N, seed, readings)
+
+        rig.use(used_by(made, INDENTER).lines)
+        measure("indenter")
+        rig.stage.by_hand = True
+        measure("finger without marks")
+        rig.use(made.lines)
+        measure("finger")
         _wear(rig)
-        before = errors(rig, FORCES_N, seed, readings)
+        measure("worn")
         rig.use(_rezeroed(rig, made))
-        after = errors(rig, FORCES_N, seed, readings)
-    found = {"as calibrated": flat, "bent": bent, "worn": before, "re-zeroed": after}
+        measure("re-zeroed")
     return {name: [row.error_mm for row in rows] for name, rows in found.items()}
 
 
@@ -121,7 +131,8 @@ def _dust(sensor: str, percents, seed: int, exposure_us: int, kind: str) -> dict
     found: dict = {"dust_mm": place_mm}
     for percent in (0.0, *percents):
         dirty = with_keys(bare, {"contact.dust": [[place_mm, percent]] if percent else []})
-        with _by_hand(dirty, seed, exposure_us, kind) as (rig, _):
+        with _by_hand(dirty, seed, exposure_us, kind) as (rig, made):
+            rig.use(used_by(made, made.presser).lines)
             rows = errors(rig, FORCES_N, seed, _READINGS)
         found[f"{percent:g} %"] = [row.error_mm for row in rows]
     return found

@@ -17,7 +17,8 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from spots.calibrate.calibration_file import CalibrationFile
+from spots.calibrate.calibration_file import FINGER, CalibrationFile
+from spots.calibrate.pressers import awaited
 from spots.calibrate.session.bench import Bench
 from spots.calibrate.session.guide import Guide
 from spots.calibrate.session.presser import Presser
@@ -95,6 +96,7 @@ def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
     made = made_with.conditions
     if isinstance(made_with, CalibrationFile):
         stage.held.changed = sensor.change
+        stage.by_hand = (options.presser or awaited(made_with)) == FINGER and not options.joint
     if made is not None and made.board == stage.reader.conditions.board:
         stage.board.command("set " + settings(made))
         stage.take_dark()

@@ -19,6 +19,8 @@ from dataclasses import asdict, dataclass
 import msgspec
 import numpy as np
 
+from spots.calibrate.calibration_file import FINGER, INDENTER
+from spots.calibrate.pressers import used_by
 from spots.cli import arguments
 from spots.common import schema, toml
 from spots.errors import SettingError, SpotsError
@@ -226,7 +228,7 @@ def main() -> None:
         "--by-hand", action="store_true", help="a hand presses after the calibration, no stage"
     )
     parser.add_argument("--bend", type=float, default=0.0, help="bend after the calibration, deg")
-    parser.add_argument("--rezero", type=int, default=0, help="marks of a re-zero: 0, 1 or 3 (0)")
+    parser.add_argument("--rezero", type=int, default=0, help="marks of a re-zero (0)")
     parser.add_argument("--seed", type=int, default=0, help="random seed (0)")
     parser.add_argument("--json", action="store_true", help="print one JSON object a force")
     options = parser.parse_args()
@@ -251,7 +253,10 @@ def measured(options: argparse.Namespace) -> list[Errors]:
     hand.check()
     with Rig(sensor, options.seed, options.exposure_us, options.average) as rig:
         if options.person is not None:
-            rig.use(calibrate_by_hand(rig.stage, options.person).lines)
+            made = calibrate_by_hand(rig.stage, options.person)
+            # The re-zero takes the place of the marks by a finger at the end of the session.
+            finger = options.by_hand and not options.rezero
+            rig.use(used_by(made, FINGER if finger else INDENTER).lines)
         held = rig.stage.held
 
         def wear() -> None:

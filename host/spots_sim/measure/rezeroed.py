@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from msgspec.structs import replace
 from rich.console import Console
 
-from spots.calibrate.calibration_file import CalibrationFile, Marks, now
-from spots.calibrate.fit.presses import FIRM_MN, MARKS
+from spots.calibrate.calibration_file import FINGER, INDENTER, CalibrationFile, Marks, now
+from spots.calibrate.fit.presses import ALL_MARKS, FIRM_MN, MARKS
 from spots.calibrate.session.bench import Bench, samples_of
 from spots.calibrate.session.guide import Guide
 from spots.calibrate.session.rezero import rezero
@@ -37,11 +38,10 @@ _NOBODY = Path("characterize")  # stands for the calibration file in error messa
 class Hand:
     """Options of a re-zero: the person presses marked positions again to correct a calibration.
 
-    `marks` is 0 for no re-zero, 1 for a quick re-zero, 3 for a complete one; `presses` are those on
-    each mark. `error_um` is the standard deviation of the position of such a press; the presses of
-    the calibration have no position error. With `scale`, a scale shows the force of each press, so
-    that the force is corrected too. With `by_hand`, a hand and not a stage presses the strip after
-    the calibration.
+    `marks` is the number of marks, 0 for no re-zero; `presses` are those on each mark. `error_um`
+    is the standard deviation of the position of such a press; the presses of the calibration have
+    no position error. With `scale`, a scale shows the force of each press, so that the force is
+    corrected too. With `by_hand`, a hand and not a stage presses the strip after the calibration.
     """
 
     marks: int = 0
@@ -52,8 +52,8 @@ class Hand:
 
     def check(self) -> None:
         """Raise SettingError if `marks` or `error_um` is invalid."""
-        if self.marks not in (0, 1, len(MARKS)):
-            raise SettingError(f"--rezero must be 0, 1 or {len(MARKS)} marks, not {self.marks}")
+        if self.marks not in (0, 1, 3, 5, 9):
+            raise SettingError(f"--rezero must be 0, 1, 3, 5 or 9 marks, not {self.marks}")
         if not 0 <= self.error_um < math.inf:
             raise SettingError(f"--mark-error-um must be 0 or more, not {self.error_um:g}")
 
@@ -68,7 +68,7 @@ class _ShakyPresser(StagePresser):
 
     def press(self, wanted) -> None:
         off_um = self._error_um * self._rng.standard_normal()
-        self._stage.press(wanted.place_um + off_um, wanted.force_mN)
+        super().press(replace(wanted, place_um=wanted.place_um + off_um))
 
 
 def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
@@ -106,19 +106,26 @@ def age(
     rig.stage.held.tremor = _TREMOR
     presser = _ShakyPresser(rig.stage, hand.error_um, np.random.default_rng((seed, 2)))
     bench, reader = silent_bench(rig.stage, presser), rig.stage.reader
-    places_um = [share * rig.stage.length_um for share in MARKS]
+    places_um = [share * rig.stage.length_um for share in ALL_MARKS]
     reader.set_up(dark_s=DARK_S)
     samples = samples_of("mark", rig.conditions.exposure_us)
     logs = rig.stage.read(places_um, [FIRM_MN], samples).logs
     marks = Marks(
         place_um=tuple(places_um), force_mN=FIRM_MN, logs=tuple(map(tuple, logs.tolist()))
     )
-    made = CalibrationFile(date=now(), **rig.conditions._asdict(), lines=rig.lines, marks=marks)
+    made = CalibrationFile(
+        date=now(),
+        **rig.conditions._asdict(),
+        presser=INDENTER,
+        lines=rig.lines,
+        marks=marks,
+    )
     wear()
     rig.stage.held.changed = change
     rig.stage.by_hand = hand.by_hand
     force_mN = FIRM_MN if hand.scale else None
-    done = rezero(bench, made, hand.presses, hand.marks == 1, force_mN).rezeros[-1]
+    presser = FINGER if hand.by_hand else INDENTER
+    done = rezero(bench, made, hand.presses, hand.marks, force_mN, presser=presser).rezeros[-1]
     rig.stage.held.tremor = 0.0
     rig.shift(done.place_um, done.shifts)
     return done.drift

@@ -17,11 +17,13 @@ from spots.common.guarded import Guarded
 from ..strip.scenario import Held, Press
 
 _PRESS = re.compile(
-    r"press at ([\d.]+) mm with (?:(?:about )?(\d+) g|(a firm|your hardest)|([\d.]+) N)"
+    r"press (?:at|the (mark) at) ([\d.]+) mm with "
+    r"(?:(?:about )?(\d+) g|(a firm|your hardest)|([\d.]+) N)"
 )
 _CHANGE = re.compile(r"without lifting, go to about (\d+) g")
 _QUESTION = re.compile(r"what (?:does|do) (?:the )?(?:ruler|scale)")
 _FINGER_MM, _INDENTER_MM = 8.0, 4.0  # widths along the strip
+_MARK_MM = 0.3  # standard deviation of presses on a mark that is drawn on the strip; assumed
 _FIRM_MN, _HARD_MN = (2500.0, 6000.0), (6000.0, 10_000.0)  # of presses without a scale
 _GRAM_MN = 9.80665  # weight of 1 g in mN
 _STARTS_S = 0.4  # from the request to the press
@@ -72,7 +74,7 @@ class Person:
     def hear(self, text: str) -> None:
         """Press or lift the simulated finger if the message `text` of the session asks for it."""
         if found := _PRESS.match(text):
-            place_mm, grams, firm, newtons = found.groups()
+            mark, place_mm, grams, firm, newtons = found.groups()
             low, high = _HARD_MN if firm == "your hardest" else _FIRM_MN
             force_mN = (
                 _GRAM_MN * float(grams)
@@ -81,17 +83,21 @@ class Person:
                 if firm
                 else 1000 * float(newtons)
             )
-            self._press(float(place_mm), force_mN, is_finger=bool(firm))
+            misses_mm = _MARK_MM * self._rng.standard_normal() if mark else None
+            self._press(float(place_mm), force_mN, bool(firm), misses_mm)
         elif found := _CHANGE.search(text):
             self._change(_GRAM_MN * float(found[1]))
         elif text.startswith("release"):
             self._move([])
 
-    def _press(self, asked_mm: float, asked_mN: float, is_finger: bool) -> None:
+    def _press(
+        self, asked_mm: float, asked_mN: float, is_finger: bool, misses_mm: float | None
+    ) -> None:
         rng, habits = self._rng, self._habits
         self.presses += 1
         # Position and force differ from those asked for; the person reads them off with an error.
-        at_mm = np.clip(asked_mm + rng.uniform(-2, 2), 0, self._length_mm)
+        misses_mm = rng.uniform(-2, 2) if misses_mm is None else misses_mm
+        at_mm = np.clip(asked_mm + misses_mm, 0, self._length_mm)
         force_mN = asked_mN * rng.uniform(0.85, 1.15)
         width_mm = habits.width_mm if is_finger else _INDENTER_MM
         press = Press(float(at_mm), float(force_mN), width_mm, skin=is_finger)

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from spots.calibrate.calibration_file import CalibrationFile
+from spots.calibrate.calibration_file import FINGER, CalibrationFile
 from spots.calibrate.fit.decoded import Decoded
 from spots.calibrate.fit.points import Wanted
+from spots.calibrate.pressers import used
 from spots.calibrate.session.bench import Bench
 from spots.calibrate.session.dialog import Dialog
 from spots.calibrate.session.practice import Practice, Score
@@ -106,6 +107,7 @@ def _score(
     decode.calibration = Calibration(lines)
     vars(stage.held).pop("presses", None)  # the path of the person's finger ends
     stage.reader.set_up()
+    stage.by_hand = used(made) == FINGER
     pressed = stage.read(_PLACES * stage.length_um, _FORCES_MN, _SAMPLES)
     rows = []
     for counts in pressed.counts:

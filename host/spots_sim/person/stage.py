@@ -6,8 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from spots.calibrate.calibration_file import FINGER
 from spots.calibrate.fit.fit import fit
-from spots.calibrate.fit.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
+from spots.calibrate.fit.presses import FIRM_MN, FORCE_PLACES, FULL_MN, MARKS, Noise, Presses
+from spots.calibrate.fit.shift import shifted
+from spots.calibrate.pressers import marked
 from spots.calibrate.session import baseline
 from spots.calibrate.session.spectra import SpectrumReader
 from spots.errors import CalibrationError
@@ -23,6 +26,7 @@ PLACES = 33  # default number of positions in `Stage.along`
 FORCES = 30  # number of forces in `Stage.pressed`
 NEAR_UM = 2000.0  # brightest position at which the whole finger is on the strip
 _WIDTH_MM = 4.0
+_MARK_SAMPLES = 40  # of a press on a mark
 _UNTOUCHED = 16  # samples of the light that dust couples without a press
 WARM_S = 120.0  # the LED is warm before the first press
 _OSCILLATOR_S = 30.0  # time in which a board measures its sensor's oscillator to 10 ppm
@@ -100,11 +104,10 @@ class Stage:
             self.board.command("dark off", timeout_s=_SEARCH_TIMEOUT_S)
             self.held.unplugged = False
 
-    def press(self, position_um: float, force_mN: float) -> None:
-        """Press the strip until the next call of `press` or `release`."""
-        self.held.press = Press(
-            position_um / 1000, force_mN, _WIDTH_MM, hand=self.by_hand, skin=self.by_hand
-        )
+    def press(self, position_um: float, force_mN: float, by_hand: bool = False) -> None:
+        """Press the strip until the next call of `press` or `release`; perhaps with a finger."""
+        by_hand = by_hand or self.by_hand
+        self.held.press = Press(position_um / 1000, force_mN, _WIDTH_MM, hand=by_hand, skin=by_hand)
 
     def turn(self, angle_deg: float, direction: int = 1) -> None:
         """Turn the joint, which bends the strip and slides an indenter along it.
@@ -213,6 +216,18 @@ def led_settings(sensor: SensorFile) -> str:
     return "" if sensor.led.wired == "ldr" else _calibrated(sensor, None)[1]
 
 
+def _for_finger(stage: Stage, lines: tuple[str, ...]) -> tuple[str, ...]:
+    """Return a calibration after three marks by a finger, as a session with an indenter ends."""
+    places_um = [share * stage.length_um for share in MARKS]
+    logs = []
+    for stage.by_hand in (False, True):
+        logs.append(stage.read(places_um, [FIRM_MN], _MARK_SAMPLES).logs)
+    stage.by_hand = False
+    shifts = logs[1] - logs[0]
+    shifts -= shifts.mean(axis=1, keepdims=True)
+    return tuple(marked(shifted(lines, places_um, shifts), FINGER))
+
+
 @kept(tuple[tuple[str, ...], str])
 def _calibrated(sensor: SensorFile, exposure_us: int | None) -> tuple[tuple[str, ...], str]:
     """Calibrate a sensor at an exposure; return calibration lines and LED settings.
@@ -226,6 +241,8 @@ def _calibrated(sensor: SensorFile, exposure_us: int | None) -> tuple[tuple[str,
         noise = Noise.of(along, pressed)
         check_light(along, pressed)
         lines = tuple(fit({0: along}, pressed, noise, stage.reader.conditions))
+        if sensor.contact.skin_percent:
+            lines = _for_finger(stage, lines)
         lines += tuple(baseline.line(stage.reader.baseline))
         led = "led=" + sensor.led.wired
         if sensor.led.wired == "always":

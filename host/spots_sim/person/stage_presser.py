@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from spots.calibrate.calibration_file import FINGER
+from spots.calibrate.calibration_file import Presser as Kind
 from spots.calibrate.fit.points import Wanted
 from spots.calibrate.fit.presses import FIRM_MN
 from spots.calibrate.session.presser import Presser
@@ -27,7 +29,8 @@ class StagePresser(Presser):
 
     def press(self, wanted: Wanted) -> None:
         if wanted.angle_deg is None:
-            self._stage.press(wanted.place_um, wanted.force_mN or FIRM_MN)
+            finger = wanted.kind == "mark" and not wanted.force_mN
+            self._stage.press(wanted.place_um, wanted.force_mN or FIRM_MN, finger)
         else:
             self._stage.turn(wanted.angle_deg, wanted.direction or 1)
 
@@ -39,6 +42,9 @@ class StagePresser(Presser):
 
     def read_off(self, wanted: Wanted, length_um: float) -> Wanted:
         return wanted
+
+    def next_presser(self) -> Kind | None:
+        return FINGER
 
     def dark(self, board: Board) -> None:
         self._stage.take_dark()

@@ -10,6 +10,8 @@ FIRM_MN = 6000.0  # force of a firm press, which measures the colour at a positi
 FULL_MN = 10_000.0  # largest force of a calibration
 FORCE_PLACES = (0.1, 0.5, 0.9)  # positions with many forces, as shares of the length
 MARKS = (0.1, 0.5, 0.9)  # positions that `spots rezero` presses again, as shares of the length
+# Positions that a calibration stores for it, so that it can press 1, 3, 5 or 9 of them.
+ALL_MARKS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 
 ROUNDING_VARIANCE = 1 / 12  # counts**2; variance of the rounding error of a whole number
 _REWEIGHTINGS = 4  # rounds of the reweighted least squares in `_reweighted`

@@ -1,15 +1,17 @@
 """Shifts the tables of a calibration by the drift of the channels at known positions.
 
-Drift adds c_i(x) to log2 of the counts of channel i at the position x. c_i is a polynomial through
-the drift that was measured at the known positions, called marks. The tables contain weighted sums
-of log2 of the counts: contrasts (which show the position), expected misfits, corrections of the
-brightness, and the coarse contrast at which each segment begins, see `reading.calibration_lines`. A
-sum with the weights w_i changes by the sum of w_i c_i(x). The weights do not change.
+Drift adds c_i(x) to log2 of the counts of channel i at the position x. c_i goes through the drift
+that was measured at the known positions, called marks: a quadratic through up to three marks. With
+more, it is the quadratic that fits best, plus straight lines between its residuals. The tables
+contain weighted sums of log2 of the counts: contrasts (which show the position), expected misfits,
+corrections of the brightness, and the coarse contrast at which each segment begins, see
+`reading.calibration_lines`. A sum with the weights w_i changes by the sum of w_i c_i(x). The
+weights do not change.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.polynomial import polynomial
@@ -25,31 +27,32 @@ from ...common import press_spectra
 from ...errors import CalibrationError
 from .fit import ONE_Q12
 
+_DEGREE = 2  # of the drift of LED, filters, and a dye that changes everywhere alike
+
 
 def drift_at(x_um: float, place_um: Sequence[float], shifts: ArrayLike) -> np.ndarray:
     """Return the drift of log2 of each channel at a position, from that at the marks."""
-    return polynomial.polyval(x_um, _curve(place_um, shifts))
+    return _curve(place_um, shifts)(x_um)
 
 
 def shifted(lines: Sequence[str], place_um: Sequence[float], shifts: ArrayLike) -> list[str]:
     """Return the lines of a calibration after a drift of its channels.
 
-    The tables of all strains shift by the same c_i(x), see the module docstring: a polynomial of
-    degree n - 1 in the position, for n marks. `shifts`, shape (n, 6), is log2 of the present counts
-    minus log2 of the counts at the calibration. CalibrationError if the drift is too large for the
-    tables.
+    The tables of all strains shift by the same c_i(x), see the module docstring. `shifts`, shape
+    (n, 6) for n marks, is log2 of the present counts minus log2 of the counts at the calibration.
+    CalibrationError if the drift is too large for the tables.
     """
     curve = _curve(place_um, shifts)
 
     def change(weights, x_um: float, one: int = ONE_Q20) -> int:
-        return round(float(polynomial.polyval(x_um, curve) @ weights) / ONE_Q13 * one)
+        return round(float(curve(x_um) @ weights) / ONE_Q13 * one)
 
     rows = [_integers(line) for line in lines]
     weights = {name: values for name, values in rows if name in ("coarse", "fit")}
     segments = [values for name, values in rows if name == "segment"]
     for name, values in rows:
         if name == "spectrum":
-            press_spectra.shifted(values, polynomial.polyval(values[0], curve))
+            press_spectra.shifted(values, curve(values[0]))
     begins = [i for i, (name, _) in enumerate(rows) if name == "strain"]
     for begin, end in zip(begins, [*begins[1:], len(rows)]):
         places = [values[1] for name, values in rows[begin:end] if name == "x"]
@@ -75,10 +78,20 @@ def shifted(lines: Sequence[str], place_um: Sequence[float], shifts: ArrayLike) 
     return found
 
 
-def _curve(place_um, shifts) -> np.ndarray:
-    return polynomial.polyfit(place_um, np.asarray(shifts), len(place_um) - 1)
+def _curve(place_um, shifts) -> Callable[[float], np.ndarray]:
+    places, shifts = np.asarray(place_um, float), np.asarray(shifts, float)
+    smooth = polynomial.polyfit(places, shifts, min(len(places) - 1, _DEGREE))
+    rest = shifts.T - polynomial.polyval(places, smooth)
+
+    def at(x_um: float) -> np.ndarray:
+        local = [np.interp(x_um, places, one) for one in rest]
+        return polynomial.polyval(x_um, smooth) + local
+
+    return at
 
 
 def _integers(line: str) -> tuple[str, list]:
     name, *values = line.split()
-    return name, values if name in ("board", "plan") else [int(value) for value in values]
+    return name, values if name in ("board", "plan", "presser") else [
+        int(value) for value in values
+    ]

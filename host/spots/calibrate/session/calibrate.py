@@ -1,4 +1,4 @@
-"""``spots calibrate``: guided sessions that calibrate a strip, and a joint that presses it."""
+"""``spots calibrate`` and ``spots rezero``: guided sessions with a strip, and with its joint."""
 
 from __future__ import annotations
 
@@ -14,11 +14,13 @@ from ...common.signals import stop_explained
 from ...errors import SettingError
 from ...link.connect import open_named
 from ...link.ports import SIMULATED, offered
-from ..calibration_file import KIND, CalibrationFile
+from .. import pressers
+from ..calibration_file import KIND, CalibrationFile, load
 from .bench import Bench
 from .guide import Guide
 from .practice import KINDS, practise
 from .presser import Presser
+from .rezero import marks_of, rezero, use
 from .session_file import Session
 from .spectra import SpectrumReader
 from .steps import COUNTS, LENGTH_UM, calibrate
@@ -55,6 +57,28 @@ def calibrate_command(options: argparse.Namespace) -> None:
     atomic.check_writable(out, KIND)
     with stop_explained(session.progress), opened(options, session, out) as bench:
         calibrate(bench, session, kind, count, options.strain_percent, options)
+
+
+def rezero_command(options: argparse.Namespace) -> None:
+    """Run ``spots rezero`` with the options that `cli` parsed."""
+    path = Path(options.calibration)
+    made = load(path)
+    atomic.check_writable(path)
+    force_mN = options.force_N and 1000 * options.force_N
+    what = "presses", "marks", "joint", "presser"
+    chosen = {name: getattr(options, name) for name in what} | {"force_mN": force_mN}
+    new = pressers.used_by(made, options.use) if options.use else None
+    if new is None:
+        marks_of(made, path, options.marks, options.joint, force_mN)  # before the board is opened
+    with opened(options, made, path) as bench:
+        if new is None:
+            unchanged = f"{path} and the board are unchanged; run the command again"
+            with stop_explained(lambda: unchanged):
+                new = rezero(bench, made, **chosen)
+        bench.reader.restore()
+        name = use(bench, made, new)
+        did = f"the tables are for {options.use}" if options.use else new.rezeros[-1].drift
+        bench.guide.say(f"{path}: {did}; the board stores calibration {name}")
 
 
 def _practise(options: argparse.Namespace, kind: str, count: int) -> None:

@@ -14,11 +14,11 @@ import numpy as np
 from msgspec.structs import replace
 
 from ...errors import FileError
+from .. import pressers
 from ..calibration_file import CalibrationFile, Rezero
 from ..fit.points import Point
-from ..fit.shift import drift_at, shifted
+from ..fit.shift import drift_at
 from .session_file import Session
-from .thermal import with_lines as with_thermal
 
 
 def check(before: CalibrationFile | None, board: str, path: object) -> None:
@@ -46,7 +46,7 @@ def continues(session: Session, before: CalibrationFile) -> bool:
 def undrifted(rezeros: list[Rezero]) -> Callable[[Point], Point]:
     """Return a function that removes the drift, as the last re-zero before it found it, of a press.
 
-    The re-zeros begin with the oldest.
+    The re-zeros, with what pressed the strip, begin with the oldest.
     """
 
     def change(point: Point) -> Point:
@@ -90,11 +90,8 @@ def carried(
         if new.joint is None:
             new = replace(new, joint=before.joint, joint_marks=before.joint_marks)
         if before.rezeros:
-            last = before.rezeros[-1]
-            lines = shifted(new.lines, last.place_um, last.shifts)
-            lines = tuple(with_thermal(lines, before.rezeros))
-            new = replace(new, lines=lines, original=new.lines, rezeros=before.rezeros)
-        return new
+            new = replace(new, original=new.lines, rezeros=before.rezeros)
+        return pressers.used_as(new, before)
     if new.joint is None and before.joint is not None:
         say("the joint is taken over without its marks: run 'spots calibrate joint' to make them")
         new = replace(new, joint=before.joint)

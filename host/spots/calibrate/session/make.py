@@ -14,10 +14,11 @@ from spots_device.reading.decode import CROSS
 from ...common.press_spectra import press_spectra
 from ...errors import CalibrationError, SpotsError
 from .. import calibration_file as file
+from .. import pressers
 from ..fit.decoded import Decoded
 from ..fit.fit import PLACES_MIN, fit
 from ..fit.points import presses
-from ..fit.presses import FIRM_MN, MARKS, Noise, Presses
+from ..fit.presses import ALL_MARKS, FIRM_MN, MARKS, Noise, Presses
 from ..fit.silicone import fit_session
 from . import baseline
 from .hand import material
@@ -85,18 +86,26 @@ def _made(session: Session, say: Callable[[str], None]) -> file.CalibrationFile:
         say(str(compensated))
     marks = presses(session.of("mark"))
     if surface:
-        at_um = np.array(MARKS) * session.length_um
-        marks = surface.presses(at_um, np.full(len(MARKS), FIRM_MN))
+        at_um = np.array(ALL_MARKS) * session.length_um
+        marks = surface.presses(at_um, np.full(len(at_um), FIRM_MN))
         along[0], pressed = surface.taken, surface.taken.keep(surface.taken.force_mN > 0)
     limits = _HAND_MAX if surface else _STAGE_MAX
+    presser = presser_of(session)
     return file.CalibrationFile(
         date=file.now(),
         **session.conditions._asdict(),
-        lines=tuple(lines),
+        presser=presser,
+        lines=tuple(pressers.marked(lines, presser, chosen=False)),
         residuals=[_residual(session, lines, at, along[at], pressed, *limits) for at in along],
         marks=_marks(marks),
         **_joint(session, lines, say),
     )
+
+
+def presser_of(session: Session) -> file.Presser:
+    """Return what presses a session: a finger if it has no scale."""
+    rough = any(not p.force_mN for p in session.of("hand"))
+    return file.FINGER if rough else file.INDENTER
 
 
 def _validate(lines: list[str]) -> None:

@@ -6,6 +6,8 @@ from msgspec.structs import replace
 
 from ...errors import SettingError, SpotsError
 from ...link.board import Board
+from ..calibration_file import FINGER, INDENTER
+from ..calibration_file import Presser as Kind
 from ..fit.points import Wanted
 from ..fit.presses import FIRM_MN
 from .dark import take_dark
@@ -44,6 +46,9 @@ class Presser:
         if wanted.kind == "mark" and wanted.angle_deg is not None:
             text = f"turn the joint upwards to {wanted.angle_deg:g} degrees and hold"
             self._guide.request(PRESS, text)
+        elif wanted.kind == "mark" and not wanted.force_mN:
+            place = f"{wanted.place_um / 1000:.1f} mm"
+            self._guide.request(PRESS, f"press the mark at {place} with a firm finger and hold")
         elif wanted.kind in ("hand", "choose"):
             firm = "a firm finger" if wanted.kind == "hand" else "your hardest press"
             force = f"about {grams(wanted.force_mN)}" if wanted.force_mN else firm
@@ -117,6 +122,24 @@ class Presser:
                 return read
             except SpotsError as error:
                 self._guide.say(str(error))
+
+    def next_presser(self) -> Kind | None:
+        """Return what will press the strip after a session with an indenter.
+
+        None if a finger will, but does not press the marks now.
+        """
+        offered = {"": FINGER, "now": FINGER, "indenter": INDENTER, "later": None}
+        while True:
+            answer = self._guide.ask(
+                "draw marks at 10, 50 and 90 % of the strip, and press them with the finger that "
+                "will use it (Enter: now; later; indenter) "
+            ).lower()
+            if answer in offered:
+                return offered[answer]
+            self._guide.say(
+                f"'{answer}': press Enter for a finger, or type 'later', or 'indenter' if an "
+                "indenter or a joint will use the strip"
+            )
 
     def dark(self, board: Board) -> None:
         """Ask the person to unplug an LED that is always on, then take the dark frame."""

@@ -7,7 +7,8 @@ written to both the file and the board; on error, both keep the old one.
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -17,19 +18,16 @@ from numpy.polynomial import polynomial
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.log2 import ONE as ONE_Q20
 
-from ...common.atomic import check_writable
-from ...common.signals import stop_explained
 from ...errors import CalibrationError, FileError, SettingError, SpotsError
+from ...link.board import Board
 from .. import calibration_file as file
+from .. import pressers
 from ..fit.cross_lines import CrossLines
 from ..fit.drift import described
 from ..fit.points import Wanted
-from ..fit.shift import shifted
 from . import baseline
 from .bench import Bench
-from .calibrate import opened
 from .spectra import DARK_S
-from .thermal import with_lines as with_thermal
 
 _STRAY_UM = 1500.0  # largest distance from the other presses at a mark; a person achieves 300 um
 _LIGHT_MAX = 1.0  # log2; a strip whose light has halved or doubled needs a new calibration
@@ -37,38 +35,28 @@ _STRAY_SHARE = 0.5  # largest distance from the mark, as a share of the distance
 _STRAYS = 5  # largest number of repeated presses of a mark
 
 
-def rezero_command(options: argparse.Namespace) -> None:
-    """Run ``spots rezero`` with the options that `cli` parsed."""
-    path = Path(options.calibration)
-    made = file.load(path)
-    check_writable(path)
-    force_mN = options.force_N and 1000 * options.force_N
-    _marks(made, path, options.joint, force_mN)  # before the board is opened
-    with opened(options, made, path) as bench:
-        with stop_explained(lambda: f"{path} and the board are unchanged; run the command again"):
-            new = rezero(bench, made, options.presses, options.quick, force_mN, options.joint)
-        bench.reader.restore()
-        name = use(bench, made, new)
-        bench.guide.say(f"{path}: {new.rezeros[-1].drift}; the board stores calibration {name}")
-
-
 def rezero(
     bench: Bench,
     made: file.CalibrationFile,
     presses: int = 1,
-    quick: bool = False,
+    marks: int = 3,
     force_mN: float | None = None,
     joint: bool = False,
+    presser: file.Presser | None = None,
 ) -> file.CalibrationFile:
     """Ask for presses at the marks, and return the corrected calibration without writing a file.
 
-    With `quick`, only the middle mark is pressed. This corrects LED and filters, but not the dye.
-    With `force_mN` of each press, read off a scale, the drift of the force is corrected, too. With
-    `joint`, the marks are those of the joint instead of those that a person presses. SpotsError if
-    the calibration has no marks or was made on another board or at other settings, or if the
-    presses at a mark disagree.
+    With one of the `marks`, only the middle one, LED and filters are corrected, but not the dye;
+    with more than three, also a dye that has changed at one place. With `force_mN` of each press,
+    read off a scale, the drift of the force is corrected, too. With `joint`, the marks are those of
+    the joint instead of those that a person presses. If no `presser` is given, it is what uses the
+    strip. SpotsError if the calibration has not so many marks or was made on another board or at
+    other settings, or if the presses at a mark disagree.
     """
-    marks = _marks(made, bench.path, joint, force_mN)
+    # The marks of a joint were pressed as they are now, and say nothing about another presser.
+    presser = made.presser if joint else presser or pressers.awaited(made)
+    known = marks_of(made, bench.path, marks, joint, force_mN)
+    at = _evenly(len(known.place_um), marks)
     table, reader = Calibration(made.lines), bench.reader
     reason = table.mismatch(reader.conditions)
     if reason is not None:
@@ -78,56 +66,71 @@ def rezero(
     reader.set_up(dark_s=DARK_S, untouched=not joint)
     if joint:  # the indenter always presses the strip
         reader.use_baseline(made.lines)
-    at = slice(1, 2) if quick else slice(None)
-    place_um, logs = marks.place_um[at], np.array(marks.logs)
+    place_um = tuple(known.place_um[i] for i in at)
+    logs = np.array(known.logs)[at]
     bench.guide.begin("re-zero", presses * len(place_um), table.conditions.plan, bench.length_um)
-    force_now_mN = force_mN or marks.force_mN
+    asked_mN = force_mN or (0.0 if presser == file.FINGER else known.force_mN)
     original = made.original or made.lines
     cross = CrossLines(original)
-    angles_deg = (marks.angle_deg or (None,) * len(logs))[at]
+    angles_deg = known.angle_deg or (None,) * len(known.logs)
     shifts, before_C = [], _temperature_C(bench)
-    for x_um, log, angle_deg in zip(place_um, logs[at], angles_deg):
-        wanted = Wanted(kind="mark", place_um=x_um, force_mN=force_now_mN, angle_deg=angle_deg)
-        # The colour of firm presses: the drift does not contain the effect of another force.
-        firm = log - cross.logs(x_um, np.exp2(log))
+    with _without_keys(reader.board):
+        for x_um, log, angle_deg in zip(place_um, logs, (angles_deg[i] for i in at)):
+            wanted = Wanted(kind="mark", place_um=x_um, force_mN=asked_mN, angle_deg=angle_deg)
+            # The colour of firm presses: the drift does not contain the effect of another force.
+            firm = log - cross.logs(x_um, np.exp2(log))
 
-        def shift(counts, x_um=x_um, firm=firm) -> np.ndarray:
-            return np.log2(counts) - cross.logs(x_um, counts / longer) - firm
+            def shift(counts, x_um=x_um, firm=firm) -> np.ndarray:
+                return np.log2(counts) - cross.logs(x_um, counts / longer) - firm
 
-        shifts.append(_shift(bench, wanted, shift, marks, presses))
+            shifts.append(_shift(bench, wanted, shift, known, max(marks, 3), presses))
     shifts = np.array(shifts)
     if force_mN is None:  # the mean shift of all channels is due to another force
         shifts -= shifts.mean(axis=1, keepdims=True)
     else:
-        then_now_mN = [marks.force_mN, force_mN]
+        then_now_mN = [known.force_mN, force_mN]
         then, now = np.interp(then_now_mN, table.forces_mN, table.brightnesses) / ONE_Q20
         shifts -= now - then + np.log2(longer)
         _check_light(shifts.mean(axis=1), place_um, force_mN)
-    if angles_deg[0] is None and len(shifts) == len(marks.logs):
+    if not joint and marks > 1:
         shifts = _straightened(place_um, logs, shifts)
     done = file.Rezero(
         date=file.now(),
         place_um=place_um,
         shifts=tuple(map(tuple, shifts.round(6).tolist())),
-        drift=described(place_um, logs[at], shifts, table.conditions.plan),
+        drift=_drift(made, presser, place_um, logs, shifts),
+        presser=presser,
         temperature_C=_mean(before_C, _temperature_C(bench)),
     )
-    rezeros = [*made.rezeros, done]
-    lines = baseline.replaced(shifted(original, place_um, shifts), reader.baseline / longer)
-    lines = with_thermal(lines, rezeros)
-    return replace(made, lines=tuple(lines), original=original, rezeros=rezeros)
+    lines = baseline.replaced(made.lines, reader.baseline / longer)
+    new = replace(made, lines=tuple(lines), original=original, rezeros=[*made.rezeros, done])
+    return pressers.used_by(new, presser)
 
 
-def _marks(
-    made: file.CalibrationFile, path: Path, joint: bool, force_mN: float | None
+def _drift(made: file.CalibrationFile, presser, place_um, logs, shifts) -> str:
+    """Describe a drift; the difference between two pressers is none."""
+    before = pressers.reference(made, presser, place_um)
+    if before is None:
+        return f"first marks by {pressers.ONE[presser]}"
+    return described(place_um, logs, shifts - before, made.plan)
+
+
+def marks_of(
+    made: file.CalibrationFile, path: Path, count: int, joint: bool, force_mN: float | None
 ) -> file.Marks:
-    """Return the marks to press; raise SpotsError if there are none, or if the force is invalid."""
+    """Return the marks; SpotsError if there are not `count`, or if the force is invalid."""
     marks = made.joint_marks if joint else made.marks
     if marks is None:
         again = "run 'spots calibrate joint' again" if joint else "calibrate again"
         raise FileError(
             f"{path} has no section [{'joint_' * joint}marks], which a re-zero needs: "
             f"{again} to make it",
+            path,
+        )
+    if not _evenly(len(marks.place_um), count):
+        raise FileError(
+            f"{path} has {len(marks.place_um)} marks{' of a joint' * joint}, which cannot be "
+            f"reduced to {count}: use --marks 3, or calibrate again to make more",
             path,
         )
     forces_mN = Calibration(made.lines).forces_mN
@@ -138,6 +141,14 @@ def _marks(
             f"{low_mN / 1000:.2g} to {high_mN / 1000:.2g} N, and give it with --force-N"
         )
     return marks
+
+
+def _evenly(known: int, count: int) -> list[int]:
+    """Return which of the known marks are `count` at equal distances; empty if none are."""
+    if count == 1:
+        return [known // 2]
+    step, rest = divmod(known - 1, count - 1)
+    return [] if rest or not step else list(range(0, known, step))
 
 
 def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> str:
@@ -160,6 +171,20 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
                 f"have either one ({error}): reconnect the board, and start the re-zero again"
             ) from None
         raise
+
+
+@contextmanager
+def _without_keys(board: Board) -> Iterator[None]:
+    """Keep a board that is a keyboard from typing while a person presses its marks."""
+    if not board.command("hello")["keys"]:
+        yield
+        return
+    board.command("set keys=0")
+    try:
+        yield
+    finally:
+        with suppress(SpotsError):  # a lost board starts with its stored setting
+            board.command("set keys=1")
 
 
 def _temperature_C(bench: Bench) -> float | None:
@@ -187,11 +212,12 @@ def _check_light(off: np.ndarray, place_um, force_mN: float) -> None:
 
 
 def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
-    """Return the shifts of three marks, corrected for presses that missed their mark.
+    """Return the shifts of three or more marks, corrected for presses that missed their mark.
 
     The arguments are those of `drift.described`. A drift of LED, filters or dye changes the colours
-    as if each mark had moved. This apparent movement is a linear function of the mark's position.
-    The deviations from a straight line are therefore errors of the presses, and are removed.
+    as if each mark had moved. This apparent movement is a linear function of the mark's position,
+    so deviations from a straight line are errors of the presses, or a dye that has changed at one
+    place. With three marks they are removed; who presses more wants to measure this change.
     """
     slopes = polynomial.polyval(place_um, polynomial.polyder(polynomial.polyfit(place_um, logs, 2)))
     slopes = slopes.T - slopes.mean(axis=0)[:, None]
@@ -204,18 +230,23 @@ def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
             f"{errors_um.max() / 1000:.1f} mm away from its mark: draw the marks on the strip and "
             "start the re-zero again; nothing was saved"
         )
+    if len(shifts) > 3:
+        return shifts
     return shifts + (straight_um - off_um)[:, None] * slopes
 
 
-def _shift(bench: Bench, wanted: Wanted, shift, marks: file.Marks, presses: int) -> np.ndarray:
+def _shift(
+    bench: Bench, wanted: Wanted, shift, marks: file.Marks, count: int, presses: int
+) -> np.ndarray:
     """Ask for presses at a mark until `presses` of them agree; return their mean shift, shape (6,).
 
     The shift is a change of log2 of the counts. `wanted` is the press to ask for, and `shift` is a
-    function that returns the shift for its counts. `marks` are all marks of the calibration; a
-    press nearer to another mark is repeated.
+    function that returns the shift for its counts. `marks` are all marks of the calibration, of
+    which `count` are pressed; a press nearer to another one of these is repeated.
     """
-    logs, limit_um = np.array(marks.logs), _STRAY_SHARE * (marks.place_um[1] - marks.place_um[0])
-    colour_per_um = (logs[2] - logs[0]) / (marks.place_um[2] - marks.place_um[0])
+    logs, length_um = np.array(marks.logs), marks.place_um[-1] - marks.place_um[0]
+    limit_um = _STRAY_SHARE * length_um / (count - 1)
+    colour_per_um = (logs[-1] - logs[0]) / length_um
     colour_per_um -= colour_per_um.mean()
     found = np.empty((0, logs.shape[1]))
     for _ in range(presses + _STRAYS):

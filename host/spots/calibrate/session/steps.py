@@ -7,16 +7,19 @@ import argparse
 import numpy as np
 
 from ...errors import CalibrationError
+from ...link.calibrated import NO_FINGER
 from .. import calibration_file as file
+from .. import pressers
 from ..fit.fit import PLACES_MIN
 from ..fit.points import Wanted
-from ..fit.presses import FIRM_MN, FORCE_PLACES, FULL_MN, MARKS
+from ..fit.presses import ALL_MARKS, FIRM_MN, FORCE_PLACES, FULL_MN
 from . import carry
 from .bench import Bench
 from .dialog import UndoError
 from .hand import by_hand
 from .joint import ANGLES_MIN
-from .make import make
+from .make import make, presser_of
+from .rezero import rezero, use
 from .session_file import Session
 from .settle import settle
 from .spectra import DARK_S
@@ -76,7 +79,7 @@ def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, 
     before = file.KIND.present(bench.path)
     carry.check(before, bench.reader.conditions.board, bench.path)
     if before and (kind == "joint" or carry.continues(session, before)):
-        session.refer(carry.undrifted(before.rezeros))
+        session.refer(carry.undrifted(pressers.with_presser(before, before.presser)))
     taker = Taker(bench, session)
     if kind == "joint":
         return turn_joint(taker, count)
@@ -92,6 +95,8 @@ def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, 
         _places(taker, "strain", count, round(10_000 * strain_percent))
         bench.presser.stretch(0, bench.length_um)
     else:
+        if kind == "fine" and session.points and presser_of(session) == file.FINGER:
+            bench.guide.say("this session began with a finger: press with the same finger")
         taker.untouched(DARK_S)
         by_hand(bench, session, count, COUNTS[kind][1], kind == "rough")
         return _finish(taker)
@@ -157,7 +162,7 @@ def _marks(taker: Taker) -> None:
     """Take presses at the marks, which a later re-zero repeats."""
     bench = taker.bench
     taker.untouched(DARK_S)
-    places_um = [round(share * bench.length_um, -2) for share in MARKS]
+    places_um = [round(share * bench.length_um, -2) for share in ALL_MARKS]
     row = [Wanted(kind="mark", place_um=x, force_mN=FIRM_MN) for x in places_um]
     taker.series("marks for a re-zero", row)
 
@@ -179,3 +184,31 @@ def _finish(taker: Taker) -> None:
     bench.reader.restore()  # the board saves its settings with the calibration
     name = file.send(bench.reader.board, calibration)
     bench.guide.say(f"{bench.path}: the board uses calibration {name}, and has stored it")
+    if pressers.lacks_finger(calibration):
+        _with_finger(bench, calibration)
+
+
+def _with_finger(bench: Bench, made: file.CalibrationFile) -> None:
+    """End a session with an indenter with a re-zero by the finger that will press the strip.
+
+    Skin changes the colour of a press. Who skips these presses is told.
+    """
+    presser = bench.presser.next_presser()
+    if presser is None:
+        return bench.guide.say(f"{NO_FINGER}: run 'spots rezero' before a finger uses the strip")
+    if presser == made.presser:
+        new = pressers.used_by(made, presser)
+    else:
+        new = _by_finger(bench, made, presser)
+        bench.reader.restore()
+    name = use(bench, made, new)
+    bench.guide.say(f"{bench.path}: the board uses calibration {name}, for {pressers.ONE[presser]}")
+
+
+def _by_finger(bench: Bench, made: file.CalibrationFile, presser: file.Presser):
+    while True:
+        try:
+            return rezero(bench, made, presser=presser)
+        except UndoError:
+            bench.release()
+            bench.guide.say("the marks begin again")

@@ -9,6 +9,7 @@ from spots_device.board.settings import checksum
 
 from ...errors import SettingError
 from .. import calibration_file as file
+from .. import pressers
 from ..fit.points import Wanted
 from .joint import fit_joint, joint_marks
 from .spectra import DARK_S
@@ -18,7 +19,9 @@ from .taker import Taker
 def turn_joint(taker: Taker, count: int) -> None:
     """Calibrate a joint with readings at `count` angles upwards, then at `count` downwards."""
     bench, guide, session = taker.bench, taker.bench.guide, taker.session
-    calibration = before = file.load(bench.path)
+    before = file.load(bench.path)
+    # The indenter of the joint presses the strip; the file keeps the tables for a finger.
+    calibration = pressers.used_by(before, before.presser)
     board = bench.reader.board
     if session.conditions not in (None, calibration.conditions):
         raise SettingError(
@@ -41,7 +44,7 @@ def turn_joint(taker: Taker, count: int) -> None:
     turned = session.of("joint")
     joint = fit_joint(turned)
     marks = joint_marks(turned)
-    calibration = msgspec.structs.replace(before, joint=joint, joint_marks=marks)
+    calibration = msgspec.structs.replace(calibration, joint=joint, joint_marks=marks)
     file.save(calibration, bench.path, before)
     guide.say(
         f"joint: R2 {joint.r2:.5f}, resolution {joint.resolution_deg:.3f} deg, accuracy "

@@ -7,7 +7,7 @@ export function next(root) {
     const state = last, reading = state.calibration?.running ? "" : sentence(state.touch, state.untrusted);
     const words = state.connection !== "live"
       ? "the server does not answer; next: start 'spots serve' again, and this window reconnects"
-      : state.board?.next || played(state.recording) || (reading && strip(state.board) + here(state, reading)) || state.board?.start || here(state, state.board?.missing) || "";
+      : state.board?.next || played(state.recording) || (reading && strip(state.board) + here(state, reading)) || state.board?.start || here(state, fingerMissing(state.board)) || "";
     if (root.textContent !== words) root.textContent = words;
     root.hidden = !words;
   };
@@ -28,6 +28,11 @@ function way(opener, ...words) {
 
 function played(recording) {
   return recording?.playing ? `the recording ${recording.playing} is played; next: to see the board again, ${way("open-recordings", "press ‘Show the board’")}` : "";
+}
+
+// The sentence of `finger_missing` in spots/link/calibrated.py.
+function fingerMissing(board) {
+  return board?.presser === "no_finger" ? "calibrated with an indenter, not yet with a finger; next: spots rezero" : "";
 }
 
 function strip(board) {

@@ -11,24 +11,27 @@ from collections.abc import Sequence
 from datetime import timedelta
 
 import numpy as np
+from numpy.polynomial import polynomial
 
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.calibration_lines import CalibrationError
 from spots_device.reading.log2 import ONE as ONE_Q20
 
-from .. import calibration_file as file
+from . import calibration_file as file
 
 _PAUSE = timedelta(days=1)  # longest time between two re-zeros whose difference is used
 _LEAST_K = 3.0  # a smaller difference of the temperature gives too much noise
+_MARKS_MAX = 3  # lines ``warm`` of a board
 _SAME = 1e-5  # log2: a smaller mean of all channels means that the force was unknown
 
 
 def with_lines(lines: Sequence[str], rezeros: Sequence[file.Rezero]) -> list[str]:
     """Return the lines of a calibration, with ``temperature`` and ``warm`` if they are known.
 
-    The re-zeros begin with the oldest; the tables of the calibration are those of the last one. The
-    result is only `lines` if the last re-zero has no temperature, if no re-zeros at the same marks,
-    within a day, were at temperatures 3 K apart, or if the change does not fit the tables.
+    The re-zeros, all with one presser, begin with the oldest; the tables of the calibration are
+    those of the last one. The result is only `lines` if the last re-zero has no temperature, if no
+    re-zeros at the same marks, within a day, were at temperatures 3 K apart, or if the change does
+    not fit the tables.
     """
     found = [*lines, *_lines(rezeros)]
     try:
@@ -61,6 +64,10 @@ def _lines(rezeros: Sequence[file.Rezero]) -> list[str]:
         return []
     # Least squares: larger steps have more weight.
     per_K = np.tensordot(kelvins, [step for _, step in steps], 1) / (kelvins @ kelvins)
+    if len(marks_um) > _MARKS_MAX:  # the temperature changes the whole strip alike
+        smooth = polynomial.polyfit(marks_um, per_K, _MARKS_MAX - 1)
+        marks_um = marks_um[0], marks_um[len(marks_um) // 2], marks_um[-1]
+        per_K = polynomial.polyval(marks_um, smooth).T
     changes = np.rint(per_K * (max(seen) - min(seen)) * ONE_Q20).astype(int).tolist()
     range_mC = [round(1000 * celsius) for celsius in (last.temperature_C, min(seen), max(seen))]
     found = [["temperature", *range_mC]]
