@@ -13,6 +13,7 @@ from aiohttp import WSMsgType, web
 
 from spots.common.connections import Connections
 from spots.common.doors import Door
+from spots.common.guarded import Guarded
 from spots.common.reports import REPORTS, on_loop_error
 from spots.errors import RequirementError
 from spots.link.board import Board
@@ -63,6 +64,7 @@ class Foxglove:
                     "schema": json.dumps(schema(table)),
                 }
         self._clients: set[_Client] = set()
+        self._give = Guarded(self._give_all, "sending to Foxglove")
         self._loop = asyncio.new_event_loop()
         self._loop.set_exception_handler(on_loop_error)
         opened: Future[int] = Future()
@@ -137,7 +139,7 @@ class Foxglove:
             raise web.HTTPForbidden(text="requests from other websites are refused")
         return await handler(request)
 
-    def _give(self, channel: int, time_ns: int, message: bytes) -> None:
+    def _give_all(self, channel: int, time_ns: int, message: bytes) -> None:
         for client in self._clients:
             client.give(channel, time_ns, message)
 
@@ -189,6 +191,7 @@ class _Client:
         self._subscriptions: dict[int, int] = {}  # channel by number of the subscription
         self._waiting: deque[bytes] = deque(maxlen=_WAITING_MAX)
         self._news = asyncio.Event()
+        self._sending = Guarded(self.send, "sending to Foxglove")
 
     def take(self, text: str) -> None:
         """Subscribe or unsubscribe; ignore everything else."""
@@ -218,5 +221,7 @@ class _Client:
                 self._news.clear()
                 while self._waiting:
                     await self.socket.send_bytes(self._waiting.popleft())
-        except ConnectionError:
-            pass  # the client has left
+        except Exception as error:
+            if not isinstance(error, ConnectionError):  # the client has left
+                self._sending.failed(error)
+                await self.socket.close()

@@ -13,7 +13,6 @@ import mimetypes
 import re
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -165,7 +164,7 @@ class PageApp:
         first = {"panels": self._panels, **({"may_command": True} if may_command else {})}
         tasks = [
             asyncio.create_task(self._send_news(socket, news, pace, first)),
-            asyncio.create_task(_show_alive(socket, pace)),
+            asyncio.create_task(self._show_alive(socket, pace)),
         ]
         try:
             async for message in socket:
@@ -204,9 +203,20 @@ class PageApp:
                         await socket.ping(pace.ping())
                     await socket.send_str(message)
                     await asyncio.sleep(pace.every_s)
-        except ConnectionError:
-            pass  # the browser has closed the connection
         except Exception as error:
+            await self._end(socket, error)
+
+    async def _show_alive(self, socket: web.WebSocketResponse, pace: PagePace) -> None:
+        try:
+            while not socket.closed:
+                await asyncio.sleep(_ALIVE_S)
+                if pace.sent:
+                    await socket.send_str(_json({"n": pace.sent}))
+        except Exception as error:
+            await self._end(socket, error)
+
+    async def _end(self, socket: web.WebSocketResponse, error: Exception) -> None:
+        if not isinstance(error, ConnectionError):  # the browser has closed the connection
             # The browser reconnects and starts from the newest state.
             self._sending.failed(error)
             await socket.close(code=WSCloseCode.INTERNAL_ERROR, message=b"the server failed")
@@ -214,14 +224,6 @@ class PageApp:
     async def _close(self, app: web.Application) -> None:
         for socket in list(self._clients):
             await socket.close(code=WSCloseCode.GOING_AWAY, message=b"the server ends")
-
-
-async def _show_alive(socket: web.WebSocketResponse, pace: PagePace) -> None:
-    with suppress(ConnectionError):  # the browser has closed the connection
-        while not socket.closed:
-            await asyncio.sleep(_ALIVE_S)
-            if pace.sent:
-                await socket.send_str(_json({"n": pace.sent}))
 
 
 def _json(message: Any) -> str:

@@ -25,9 +25,10 @@ from spots import Board
 from spots.errors import StateError
 from spots.keyboard.layout import load
 from spots.link.channel import Channel
+from spots.link.frames import Touch
 from spots.link.timeouts import CONNECTED
 from spots.recording import disk
-from spots_net import mailbox, subscribe
+from spots_net import mailbox, subscribe, to_foxglove
 from spots_net import zenoh_session as session_module
 from spots_net.zenoh_link import ZenohLink
 from spots_sim.person import person
@@ -275,6 +276,29 @@ def test_a_finger_that_another_process_moves(fault, monkeypatch, tmp_path):
     assert held.presses(0.0)[0].position_mm == 42.5
 
 
+@pytest.mark.parametrize("place", ["_give_all", "send_bytes"])
+def test_foxglove_gets_the_newest_readings(fault, place, monkeypatch):
+    async def newest(made):
+        url = made.place.partition(" at ")[2]
+        subscribe = {"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 1}]}
+        while True:
+            async with aiohttp.ClientSession() as client, client.ws_connect(url) as viewer:
+                await viewer.send_json(subscribe)
+                while not viewer.closed:
+                    made.put(Touch(0, 7, 5000, 9, 0, 0, 42_000, 1500, 1.25), 1e9)
+                    with contextlib.suppress(asyncio.TimeoutError):
+                        message = await viewer.receive(0.05)
+                        if message.type is aiohttp.WSMsgType.BINARY and fault.raised:
+                            return
+
+    owner = to_foxglove.Foxglove if place == "_give_all" else to_foxglove.web.WebSocketResponse
+    fault.patch(monkeypatch, owner, place)
+    with Board(stand_in()) as board:
+        made = to_foxglove.Foxglove(board, "127.0.0.1:0")
+        asyncio.run(asyncio.wait_for(newest(made), 60))
+        made.close()
+
+
 @pytest.mark.board
 @pytest.mark.parametrize(
     ("platform", "call"), [(sys.platform, "select.select"), ("win32", "os.read")]
@@ -308,6 +332,7 @@ time.sleep(10)
                 "spots/recording/disk.py",
                 "spots/recording/record.py",
                 "spots/terminal/hotkey.py",
+                "spots_net/to_foxglove.py",
                 "spots_sim/person/person.py",
                 "spots_sim/board/starting.py",
             },
@@ -322,7 +347,7 @@ time.sleep(10)
             },
         ),
         (r"declare_queryable\(", {"spots_net/ros2/node.py"}),
-        (r"create_task\(|call_soon", {"spots_web/app.py"}),
+        (r"create_task\(|call_soon", {"spots_web/app.py", "spots_net/to_foxglove.py"}),
         (r"\.on_change = ", {"spots_web/app.py", "spots_web/state.py"}),
         (r"add_signal_handler\(", {"spots_web/serve.py"}),
         # These run in the main thread, where an exception ends the program.

@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import Callable
 
 from ..errors import printable
-from .reports import Reports
+from .reports import Reports, is_limit
 
 _TEXT_MAX = 200
 
@@ -33,7 +33,8 @@ class Guarded:
         with contextlib.suppress(Exception):
             sentence = sentence_of(self._name, error)
             try:
-                self._reports.say(None, sentence)
+                if not is_limit(error):
+                    self._reports.say(None, sentence)
             finally:
                 self._on_failure(sentence)
 
