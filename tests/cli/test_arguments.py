@@ -73,6 +73,17 @@ def test_an_option_given_twice_is_refused(command, action, capsys):
     assert "it is given twice" in refused(capsys, f"{command} {option}{first} {option}{second}")
 
 
+CHOSEN = [one for one in OPTIONS if one[1].choices]
+
+
+@pytest.mark.parametrize(
+    ("command", "action"), CHOSEN, ids=[f"{name} {one.option_strings[-1]}" for name, one in CHOSEN]
+)
+def test_a_value_that_an_option_does_not_offer_is_refused(command, action, capsys):
+    option = action.option_strings[-1]
+    assert option in refused(capsys, f"{command} {option} 7")
+
+
 DESIGN = "design --length-mm 85 --resolution-um 50 --rate-hz 10"
 NO_EFFECT = {
     f"{DESIGN} --breakout sparkx-17719": "add --out DIR",

@@ -202,9 +202,8 @@ def rezero(parser: Parser):
         "N",
         "number of marks to press, 1, 3, 5 or 9; 3 if not given. One cannot correct a bleached "
         "dye, three cannot correct a dye that has changed at one place",
-        type=arguments.whole,
-        choices=(1, 3, 5, 9),
-        default=3,
+        choices=("1", "3", "5", "9"),
+        default="3",
     )
     parser.option(
         "--with",

@@ -65,11 +65,16 @@ def rezero_command(options: argparse.Namespace) -> None:
     made = load(path)
     atomic.check_writable(path)
     force_mN = options.force_N and 1000 * options.force_N
-    what = "presses", "marks", "joint", "presser"
-    chosen = {name: getattr(options, name) for name in what} | {"force_mN": force_mN}
+    chosen = {
+        "presses": options.presses,
+        "marks": int(options.marks),
+        "force_mN": force_mN,
+        "joint": options.joint,
+        "presser": options.presser,
+    }
     new = pressers.used_by(made, options.use) if options.use else None
     if new is None:
-        marks_of(made, path, options.marks, options.joint, force_mN)  # before the board is opened
+        marks_of(made, path, chosen["marks"], options.joint, force_mN)  # before the board is opened
     with opened(options, made, path) as bench:
         if new is None:
             unchanged = f"{path} and the board are unchanged; run the command again"
@@ -77,7 +82,8 @@ def rezero_command(options: argparse.Namespace) -> None:
                 new = rezero(bench, made, **chosen)
         bench.reader.restore()
         name = use(bench, made, new)
-        did = f"the tables are for {options.use}" if options.use else new.rezeros[-1].drift
+        tables = f"the tables are for {pressers.ONE[options.use]}"
+        did = tables if options.use else new.rezeros[-1].drift
         bench.guide.say(f"{path}: {did}; the board stores calibration {name}")
 
 
