@@ -12,16 +12,19 @@ def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
 
     `dark` is that of the board's reply to ``get``: sums of `DARK_SAMPLES` counts; ``dark`` of the
     result is per sample. ``logs`` are log2 of the counts at positions from ``from_um`` in steps of
-    ``step_um``, see `expect.expected`. None if the calibration is unknown or invalid, or if
-    `board.calibration` is not the one that the board stores.
+    ``step_um``, see `expect.expected`. None if the calibration is unknown or invalid, has no
+    spectra, or if `board.calibration` is not the one that the board stores.
     """
     lines = board.calibration
     if lines is None or checksum(lines) != info["calibration"]:
         return None
     try:
-        position_um, logs = expected(lines, info.get("strain_ppm") or 0)
+        found = expected(lines, info.get("strain_ppm") or 0)
     except CalibrationError:
         return None  # the calibration in a recording is not validated
+    if found is None:
+        return None
+    position_um, logs = found
     return {
         "from_um": float(position_um[0]),
         "step_um": float(position_um[1] - position_um[0]),

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from spots.calibrate.fit.curves import Curves
 from spots.calibrate.fit.presses import Noise, Presses
 from spots.calibrate.fit.surface_search import fitted
 from spots_sim.measure.bound import Bound
+from spots_sim.measure.effects import with_keys
 from spots_sim.strip.files import SensorFile, load
 
 pytestmark = pytest.mark.board
@@ -51,6 +53,36 @@ def test_straight_channels_show_the_errors_of_a_ruler():
         colours = slopes - slopes.mean(axis=1, keepdims=True)
         off_um.append((off * colours).sum(axis=1) / (colours**2).sum(axis=1))
     assert np.sqrt(np.mean(np.square(off_um))) < 100
+
+
+def test_uneven_dye_shifts_no_position_on_a_stage_and_less_by_hand(sensor):
+    # The displacement of the colours is up to 0.5 mm; a polynomial of each channel leaves 0.1 mm.
+    uneven = {"dye.uneven_percent": 8.0, "dye.uneven_mm": 37.0, "dye.uneven_phase_deg": 200.0}
+    length_um = 1000 * sensor.length_mm
+    at_um, noise = np.linspace(0.02, 0.98, 49) * length_um, Noise(0.1, 0.0)
+    for keys, most_um in ((uneven, 4), ({}, 3)):
+        light, rng = Bound(with_keys(sensor, keys), PLAN, 9, 10_000, 20), np.random.default_rng(5)
+        expected = np.log2([light.counts(x, 6000.0) for x in at_um])
+        colours = np.gradient(expected, at_um, axis=0)
+        colours -= colours.mean(axis=1, keepdims=True)
+
+        def mean_off_um(logs, expected=expected, colours=colours):
+            off = (logs - expected) - (logs - expected).mean(axis=1, keepdims=True)
+            return np.abs((off * colours).sum(axis=1) / (colours**2).sum(axis=1)).mean()
+
+        places_um = np.linspace(0, length_um, 33)
+        counts = np.array([light.counts(x, 6000.0) for x in places_um])
+        counts += rng.normal(size=counts.shape) * np.sqrt(noise.variance(counts) / 240)
+        curves = Curves(places_um, np.log2(counts), noise.log_variance(counts))
+        assert mean_off_um(curves.logs(at_um)) < most_um
+        if not keys:
+            continue
+        places_um, forces_mN = rng.uniform(0, length_um, 45), np.geomspace(450, 10_000, 45)
+        counts = np.array([light.counts(x, f) for x, f in zip(places_um, forces_mN)])
+        read_um = places_um + rng.uniform(-500, 500, 45)
+        taken = Presses(read_um, forces_mN, counts, np.full_like(counts, 0.1), np.zeros(45, bool))
+        surface = fitted(taken, Noise.of(taken), 75, length_um).moved()
+        assert mean_off_um(surface.logs(at_um, np.full(49, 6000.0))) < 200
 
 
 def presses_by_hand(light, length_um, seed):

@@ -19,7 +19,6 @@ from .curves import Curves
 from .presses import Noise, Presses
 
 DIODES = ("F1", "F2", "F3", "F4", "F5", "F6", "F7", "F8", "CLEAR")
-_DEGREE = 4  # of the polynomials in the position
 _FULLEST = 0.95  # largest usable count as a share of full scale
 _WORTH = 0.03  # least relative improvement that is worth a new plan
 _PLACES = 41  # number of positions over which the noise is averaged
@@ -72,7 +71,7 @@ def choose(
         )
     used = [np.isin(plan, usable) for plan in plans]
     noise = Noise.of(*(p.channels(columns) for p, columns in zip(measured, used)))
-    curves = Curves(places_um, logs, _DEGREE)
+    curves = Curves(places_um, logs, noise.log_variance(2.0**logs))
     x_um = np.linspace(*curves.ends_um, _PLACES)
     slopes, weights = curves.slopes(x_um), 1 / noise.log_variance(2.0 ** curves.logs(x_um))
 

@@ -74,7 +74,7 @@ def fit(
     With more than five strains, the spectra of the presses are left out. CalibrationError if the
     readings are too noisy or too dark, or do not change monotonically with position or force.
     """
-    curves = {strain: Curves(p.position_um, p.logs) for strain, p in sorted(along.items())}
+    curves = {strain: Curves.of(p, noise) for strain, p in sorted(along.items())}
     relaxed = curves[0]
     coarse, _ = _weights(relaxed, noise, relaxed.ends_um, has_table=False)
     test = _fit_weights(relaxed, noise)

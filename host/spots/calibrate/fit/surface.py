@@ -4,7 +4,9 @@ For a press at the position x with the force F, the model of log2 of the counts 
 ``s_c(x) + g(F) + t_c(x, F)``. By Eq. 1 of the paper, position and force act on the
 logarithm separately, so t_c is 0 unless the colour of a press depends on its force. `s_c` and `g`
 are Chebyshev series whose coefficients have a Gaussian prior. The prior is narrower for higher
-degrees, and has a different width for each channel. `t_c` is a sum of products of polynomials in
+degrees, and has a different width for each channel. Uneven dye adds a smooth displacement to x,
+the same for all channels (`warp`). Its effect on a channel is in proportion to the slope of `s_c`.
+`t_c` is a sum of products of polynomials in
 the position and in the square root of the light. It is 0 at a firm press, and so is its mean over
 all channels. One part is a shift of the position, which changes the channels in proportion to the
 slopes of `s_c`; the other part changes each channel by itself. An error of the position
@@ -25,12 +27,14 @@ from numpy.polynomial import chebyshev
 
 from spots_device.sensor.smux import CHANNELS
 
+from . import warp
 from .fit import estimators
 from .presses import FIRM_MN, FULL_MN, Noise, Presses
 from .ruler import common_error_um
 from .surface_sizes import CROSSED, USUAL, Sizes
 
 _PLACE, _FORCE = 8, 7  # number of coefficients of s_c and g
+_WAVES = 16  # of the displacement w
 _CROSS_PLACE, _CROSS_LIGHT = 3, 2  # number of polynomials of t_c in position and light
 _APART = np.linalg.svd(np.ones((1, CHANNELS)))[2][1:].T  # differences of channels from their mean
 _BENDS = _PLACE * np.arange(CHANNELS) + 2  # indices of the coefficients of degree 2 of s_c
@@ -82,11 +86,12 @@ class Surface:
         cross = np.outer([sizes.shift_um, *[sizes.cross] * (CHANNELS - 1)], cross).ravel()
         if not cross.any():
             cross = cross[:0]
-        self._prior = np.concatenate([bends.ravel(), rises, cross])
+        waves = sizes.warp_um * warp.spread(sizes.warp_smooth, _WAVES if sizes.warp_um else 0)
+        self._prior = np.concatenate([bends.ravel(), rises, waves, cross])
         self._mean = np.zeros_like(self._prior)
         if start:
-            known = start._mean[: len(self._prior)]
-            self._mean[: len(known)] = known
+            same = CHANNELS * _PLACE + _FORCE
+            self._mean[:same] = start._mean[:same]
         for _ in range(1 if start else _ROUNDS):
             self._solve()
 
@@ -135,10 +140,13 @@ class Surface:
         channels = np.einsum("ij,nk->nijk", np.eye(CHANNELS), place)
         channels = channels.reshape(len(place), CHANNELS, -1)
         rows = [channels, np.repeat(force[:, None], CHANNELS, axis=1)]
+        slopes = self._slopes(place_um)
+        if self.sizes.warp_um:
+            waves, _ = warp.waves(np.asarray(place_um) / self.length_um, _WAVES)
+            rows.append(slopes[:, :, None] * waves[:, None])
         if self.sizes.shift_um or self.sizes.cross:
             light = self._light(force_mN)
             powers = np.stack([light**n - 1 for n in range(1, _CROSS_LIGHT + 1)], axis=1)
-            slopes = self._slopes(place_um)
             ways = np.broadcast_to(_APART, (len(place), *_APART.shape))
             ways = np.concatenate([(slopes - slopes.mean(1, keepdims=True))[:, :, None], ways], 2)
             cross = np.einsum("nci,nj,nk->ncijk", ways, place[:, :_CROSS_PLACE], powers)

@@ -19,6 +19,8 @@ class Sizes:
     - `rise`: the coefficient of degree 2 of `g`, in log2 units.
     - `dark_share`: force at which the strip begins to give light, as a share of the least force.
     - `misfit`: standard deviation of a channel's log2(counts) from the model.
+    - `warp_um`: standard deviation of the displacement w.
+    - `warp_smooth`: share of the length over which w is smooth.
     - `shift_um`: shift of the position of a very weak press.
     - `cross`: the other part of t_c for a very weak press, in log2 units.
     """
@@ -30,6 +32,8 @@ class Sizes:
     rise: float = 0.3
     dark_share: float = 0.8
     misfit: float = 3e-4
+    warp_um: float = 0.0
+    warp_smooth: float = 0.12
     shift_um: float = 0.0
     cross: float = 0.0
 

@@ -28,8 +28,8 @@ from .session_file import Session
 # Limits of the rms errors at the presses, above which a calibration is refused: of the positions in
 # um, and of the forces as a share of their rms. A stage reaches 10 um and 2 %; a person who reads
 # a ruler to 0.5 mm and a scale to 5 % reaches 300 um and 4 %.
-_STAGE_MAX = 500.0, 0.1
-_HAND_MAX = 1200.0, 0.2
+_STAGE_MAX = 200.0, 0.1
+_HAND_MAX = 800.0, 0.2
 _UNFIT = "the calibration does not fit its presses, and was not stored"
 _TOUCHES = 0.5  # least share of the presses that the calibration must read as touches
 
