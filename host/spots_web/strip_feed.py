@@ -231,6 +231,7 @@ def layout_shown(layout: KeyLayout) -> dict:
 
 
 def _message(touch: Touch, now_s: float, fingers: Sequence[float] = ()) -> dict:
-    names = "time_s", "contrast", "brightness", "position_um", "force_mN", "touching", "trusted"
+    names = "time_s", "contrast", "brightness", "position_um", "sigma_um", "force_mN"
+    names += "touching", "trusted"
     shown = {name: getattr(touch, name) for name in names}
     return {**shown, "arrived_s": now_s, "flags": flag_words(touch), "fingers": fingers}

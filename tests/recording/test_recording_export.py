@@ -148,7 +148,8 @@ def test_npz(seen, truth, tmp_path, monkeypatch):
         assert len(arrays[kind]) == len(rows)
         for cells, wanted in zip(arrays[kind], rows):
             row = dict(zip(cells.dtype.names, cells.tolist()))
-            for name in ("position_um", "force_mN", "contrast_log2", "brightness_log2"):
+            logs = "contrast_log2", "brightness_log2"
+            for name in ("position_um", "force_mN", "sigma_um", *logs):
                 empty = 0 if name in ("position_um", "force_mN") else math.nan
                 unknown = wanted.get(RENAMED.get(name, name), 0)
                 if name in row and unknown != unknown:

@@ -74,16 +74,18 @@ def stored_calibration(
 ) -> Sequence[str] | None:
     """Return the lines of the calibration that a board uses; None if they are unknown.
 
-    They are unknown, too, if the firmware of the board cannot return its calibration. `info` is the
+    They give `Touch.sigma_um` of the next readings. They are unknown, too, if the firmware of the
+    board cannot return its calibration. `info` is the
     reply to ``hello`` for this strip.
     """
     name = info.get("calibration")
     if name is None:
         return None
     known = board.calibration if sensor == 0 else None
-    if known is not None and checksum(known) == name:
-        return known
-    return _stored(board, "cal", name, sensor)
+    if known is None or checksum(known) != name:
+        known = _stored(board, "cal", name, sensor)
+        board.learn(known, info, sensor)
+    return known
 
 
 def stored_layout(board: Board, info: Mapping[str, Any], sensor: int = 0) -> Sequence[str] | None:

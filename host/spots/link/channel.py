@@ -6,11 +6,12 @@ from typing import Any
 
 from spots_device.board.command import NAME_MAX
 
+from ..common.certainty import Certainty
 from ..errors import AtPromptError, ClosedError
 from .board_errors import in_words
 from .clocksync import ClockSync
 from .decoder import Decoder
-from .frames import Frame, Key, LinkStats, Note, Reading, Text, Touch
+from .frames import Frame, Key, LinkStats, Note, Reading, Text, Touch, with_sigma
 from .lines import addressed
 from .link import POLL_S, FrameLink, Link, ReplyingLink
 from .newest import Newest
@@ -31,7 +32,8 @@ class Channel:
     sensor whose frames are taken, as sensor 0. `info` is the reply to ``hello``, with the present
     settings. `wanted` are the streams that should be on, by sensor; `stopped` the sensors whose
     streams ended with a restart of the board. `taps` are called as ``look(data, now_s)`` with all
-    bytes before they are decoded. `frames` stores the frames until all readers have taken them.
+    bytes before they are decoded. `certainties` give the standard deviations of positions, for each
+    sensor with a known calibration. `frames` stores the frames until all readers have taken them.
     """
 
     info: Hello
@@ -52,6 +54,7 @@ class Channel:
         self.wanted: dict[int, list[str]] = {}
         self.stopped: set[int] = set()
         self.closed = False
+        self.certainties: dict[int, Certainty] = {}
         self._tail = b""  # the latest bytes that have arrived
 
     @property
@@ -201,5 +204,6 @@ class Channel:
         if not isinstance(frame, Key):
             self.loss.expect(self.now_s())
         if isinstance(frame, Touch):
+            frame = with_sigma(frame, self.certainties)
             self.newest.take(frame)
         self.frames.append(frame, self.stats)

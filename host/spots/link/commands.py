@@ -117,6 +117,8 @@ class Commands:
             if kinds := [kind for kind in content["stream"] if kind != "off"]:
                 channel.wanted[sensor] = kinds
             channel.loss.expect(channel.now_s() if channel.wanted else None)
+        if sensor in channel.certainties and "average" in content:
+            channel.certainties[sensor].average = content["average"]
         if sensor:
             return
         self.take_settings(content)

@@ -1,11 +1,14 @@
 """Frames: what a board sends, and what a recorder adds; `decoder` makes them from bytes."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Union
 
 from spots_device.fingers import contacts as fingers
 from spots_device.reading import decode
+
+from ..common.certainty import Certainty
 
 # Flags of an untrusted reading.
 DOUBTFUL = (
@@ -64,6 +67,10 @@ class Touch(NamedTuple):
         Host time of the moment `t_us`, in seconds of the monotonic clock. None if the clocks of
         board and host were never compared; `Board` compares them when it opens a board, and
         regularly while the board streams.
+    sigma_um : float
+        Standard deviation of the position due to noise, in um. NaN if the position is unknown, or
+        if the calibration of the board is unknown or has no spectra. Errors of the calibration and
+        drift are not included.
 
     Examples
     --------
@@ -81,6 +88,7 @@ class Touch(NamedTuple):
     position_um: float
     force_mN: float
     time_s: float | None = None
+    sigma_um: float = math.nan
 
     @property
     def touching(self) -> bool:
@@ -113,6 +121,15 @@ class Touch(NamedTuple):
         The coupled light is the light that a press lets into the dyed guide. NaN if unknown.
         """
         return _log2(self.brightness_q20, self.flags)
+
+
+def with_sigma(touch: Touch, certainties: Mapping[int, Certainty]) -> Touch:
+    """Return a touch with its `sigma_um`, from the certainty of its sensor."""
+    certainty = certainties.get(touch.sensor)
+    if certainty is None or math.isnan(touch.position_um + touch.brightness):
+        return touch
+    sigma_um = certainty.sigma_of(touch.position_um, touch.brightness)
+    return touch._replace(sigma_um=round(sigma_um, 1))
 
 
 class Spectrum(NamedTuple):

@@ -1,9 +1,11 @@
 """The methods of a board that return frames: iterators, subscriptions, the newest reading."""
 
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from typing import Any, TypeVar, overload
 
+from ..common.certainty import Certainty
 from ..errors import BoardError, SettingError
+from .channel import Channel
 from .frames import Contact, Key, Reading, Spectrum, Touch
 from .lines import of_sensor
 from .readers import FrameIterator, Subscription, check_callback
@@ -15,7 +17,9 @@ _ReadingT = TypeVar("_ReadingT", bound=Reading)
 class Readings:
     """Base class of `board.Board`, which has the link and the commands."""
 
+    _channel: Channel
     _streams: Streams
+    _calibration: list[str] | None = None
     read_only: bool
     command: Callable[..., Any]
 
@@ -23,6 +27,37 @@ class Readings:
     def port(self) -> str:
         """Name of the port."""
         raise NotImplementedError
+
+    @property
+    def calibration(self) -> list[str] | None:
+        """Lines of the calibration of sensor 0; None if they are unknown.
+
+        They are known in a recording, and after an upload by this object; see also
+        `advice.stored_calibration`.
+        """
+        return self._calibration
+
+    @calibration.setter
+    def calibration(self, lines: list[str] | None) -> None:
+        self._calibration = lines
+        self.learn(lines, self._channel.info)
+
+    def learn(self, lines: Sequence[str] | None, info: Mapping[str, Any], sensor: int = 0) -> None:
+        """Compute `Touch.sigma_um` of the next readings of a sensor from its calibration.
+
+        Parameters
+        ----------
+        lines : sequence of str or None
+            Lines of the calibration; None if they are unknown.
+        info : mapping
+            Reply to ``hello`` for this sensor.
+        sensor : int, optional
+            Number of the sensor.
+        """
+        found = Certainty.of(lines, info.get("average") or 1)
+        self._channel.certainties.pop(sensor, None)
+        if found is not None:
+            self._channel.certainties[sensor] = found
 
     def stream(self, *kinds: str) -> None:
         """Make all strips stream these kinds of frames, and no other kinds.
@@ -77,7 +112,7 @@ class Readings:
         >>> with spots.open("virtual") as board:
         ...     table = pd.DataFrame(board.touches(seconds=0.5))
         >>> bool(table.position_um.isna().any()), len(table.columns)
-        (True, 9)
+        (True, 10)
         """
         return self._streams.start(seconds, Touch)
 

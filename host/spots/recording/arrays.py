@@ -12,8 +12,19 @@ import numpy as np
 from spots_device.reading import frame
 from spots_device.reading.decode import CRC_SIZE, HEADER_SIZE
 
+from ..common.certainty import Certainty
 from ..link.decoder import LAYOUTS, NOTE, Decoder
-from ..link.frames import Contact, Frame, LinkStats, Note, Reading, Text, Touch, position_known
+from ..link.frames import (
+    Contact,
+    Frame,
+    LinkStats,
+    Note,
+    Reading,
+    Text,
+    Touch,
+    log2_unknown,
+    position_known,
+)
 from .columns import payloads
 from .header import Header
 from .recording import Mark, Recording
@@ -48,7 +59,8 @@ class _Table:
         columns = [(name, "?" if name == "pressed" else code) for name, code in columns]
         self._known = _KNOWN.get(kind)
         known = [("known", "?")] if self._known else []
-        self.dtype = np.dtype([*_HEADER, *columns, *known], align=True)
+        sigma = [("sigma_um", "<f8")] if kind is Touch else []
+        self.dtype = np.dtype([*_HEADER, *columns, *known, *sigma], align=True)
 
     def array(self, columns: np.ndarray, time_s: np.ndarray, arrived_s: np.ndarray) -> np.ndarray:
         """Convert payloads, one a column of n, to n rows of `dtype`; the times are host times."""
@@ -180,7 +192,7 @@ class Arrays:
     touches : ndarray, shape (n,)
         More columns: ``flags`` u1, ``contrast_q20`` i4, ``brightness_q20`` i4 (log2 units times
         2**20), ``position_um`` i4, ``force_mN`` u2, as in `Touch`; ``known`` bool: whether position
-        and force are known. 40 bytes a row.
+        and force are known; ``sigma_um`` f8, as in `Touch`. 48 bytes a row.
     spectra : ndarray, shape (n,)
         More columns: ``flags`` u1, ``gain`` u1, ``counts`` six u2, as in `Spectrum`. 40 bytes a
         row.
@@ -262,13 +274,26 @@ class RecordingBlocks(Recording):
         time_s = np.empty(count)
         time_s[frames] = self._clock.host_s_each(run.t_us[frames], arrived_s[frames])
         for kind, (where, columns) in run.tables.items():
-            parts[kind].append(_TABLES[kind].array(columns, time_s[where], arrived_s[where]))
+            rows = _TABLES[kind].array(columns, time_s[where], arrived_s[where])
+            if kind == frame.TOUCH:
+                _add_sigmas(rows, self._certainties)
+            parts[kind].append(rows)
         self.notes += len(run.notes_at)
         self.end_s = float(arrivals_s[-1])
 
     def _restart(self) -> None:
         super()._restart()
         self._decoder = _BlockDecoder()
+
+
+def _add_sigmas(rows: np.ndarray, certainties: dict[int, Certainty]) -> None:
+    rows["sigma_um"] = np.nan
+    known = rows["known"] & ~log2_unknown(rows["brightness_q20"], rows["flags"])
+    for sensor, certainty in certainties.items():
+        own = np.flatnonzero(known & (rows["sensor"] == sensor))
+        brightness = rows["brightness_q20"][own] / (1 << 20)
+        sigma_um = certainty.sigma_um(rows["position_um"][own], brightness)
+        rows["sigma_um"][own] = sigma_um.round(1)
 
 
 def _joined(parts: list[np.ndarray], dtype: np.dtype) -> np.ndarray:
@@ -283,7 +308,7 @@ def read_arrays(path: str | Path) -> Arrays:
 
     The values are the same as from `Recording`, to the last bit, but an unknown position or force
     is 0 and not NaN; then the column ``known`` is false. A day at 100 Hz has 8.6 million readings,
-    which are 350 MB of ``touches``. `RecordingBlocks` needs less memory.
+    which are 415 MB of ``touches``. `RecordingBlocks` needs less memory.
 
     Parameters
     ----------

@@ -10,6 +10,7 @@ import msgspec
 from spots_device import PROTOCOL
 
 from ..common import kinds
+from ..common.certainty import Certainty
 from ..errors import FileError
 from ..link.decoder import Decoder, note
 from ..link.former_names import present
@@ -97,6 +98,11 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
         strips = self.info.get("strips")
         valid = isinstance(strips, list) and strips and all(isinstance(s, dict) for s in strips)
         return strips if valid else [self.info]
+
+    @property
+    def certainties(self) -> dict[int, Certainty]:
+        """The certainty of positions, for each sensor whose calibration is known."""
+        return Certainty.by_sensor([self.calibration, *(self.calibrations or ())], self.strips)
 
     @property
     def settings(self) -> list[dict]:

@@ -12,7 +12,7 @@ from ..common.bounded import open_regular
 from ..errors import FileError, SpotsError, path_text, printable
 from ..link.clockmap import ClockMap
 from ..link.decoder import Decoder
-from ..link.frames import Frame, LinkStats, Note
+from ..link.frames import Frame, LinkStats, Note, Touch, with_sigma
 from .header import UTC_MOST_S, Clock, Header, read
 from .utc import Seen, Utc
 from .writer import part_path, parts_beside
@@ -111,7 +111,10 @@ class Recording:
                 if isinstance(frame, Note):
                     self._note(path, header, frame)
                 else:
-                    yield self.end_s, self._clock.timed(frame, self.end_s)
+                    timed = self._clock.timed(frame, self.end_s)
+                    if isinstance(timed, Touch):
+                        timed = with_sigma(timed, self._certainties)
+                    yield self.end_s, timed
 
     def _blocks(self, size: int) -> Iterator[tuple[Path, Header, bytes]]:
         """Yield blocks of at most `size` bytes in order, with path and header of their file."""
@@ -120,6 +123,7 @@ class Recording:
         self._decoder.expect(self.header.sequence)
         for path, header in self.headers.items():
             self._clock = _clock_map(header.clock)
+            self._certainties = header.certainties
             self._decoder.restarted(header.restarts)
             self.end_s = header.host_s
             self._seen_utc(header.utc_s)

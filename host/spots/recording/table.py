@@ -58,6 +58,7 @@ _TOUCH = {
     "trusted": "?",
     "position_um": "i4",
     "force_mN": "u2",
+    "sigma_um": "f8",
     "contrast_log2": "f8",
     "brightness_log2": "f8",
     "flags": "u1",
@@ -201,6 +202,7 @@ def _of_readings(table: Table, block: Arrays) -> dict[str, Column]:
         found["trusted"] = Column(touching & (flags & DOUBTFUL == 0))
         found["position_um"] = Column(array["position_um"], array["known"])
         found["force_mN"] = Column(array["force_mN"], force_known(flags))
+        found["sigma_um"] = Column(array["sigma_um"], ~np.isnan(array["sigma_um"]))
         for name in ("contrast", "brightness"):
             values = array[f"{name}_q20"]
             found[f"{name}_log2"] = Column(values / (1 << 20), ~log2_unknown(values, flags))

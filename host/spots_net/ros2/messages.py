@@ -69,7 +69,8 @@ def messages(
     if kind == "touch":
         touching, trusted = values["touching"], values["trusted"]
         position_m, force_n = values["position_um"] / 1e6, values["force_mN"] / 1e3
-        measured = position_m, force_n, values["contrast_log2"], values["brightness_log2"]
+        sigma_m = values["sigma_um"] / 1e6
+        measured = position_m, sigma_m, force_n, values["contrast_log2"], values["brightness_log2"]
         flags = values["flags"], touching, trusted
         if not error_s < _UNKNOWN_ERROR_S:
             error_s = math.nan

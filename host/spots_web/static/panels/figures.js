@@ -16,6 +16,8 @@ export function figures(root) {
     if (said !== words.textContent) words.textContent = said;
     place.show(there ? (touch.position_um / 1000).toFixed(2)
       : several(touch) ? [...touch.fingers].sort((a, b) => a - b).map((um) => (um / 1000).toFixed(1)).join(" · ") : null);
+    const sigma_um = there ? touch.sigma_um ?? null : null;
+    place.unit(sigma_um === null ? "mm" : `± ${(sigma_um / 1000).toFixed(2)} mm`);
     place.root.classList.toggle("pair", several(touch));
     for (const { root } of [place, force]) root.classList.toggle("doubtful", there && !touch.trusted);
     force.show(there ? (touch.force_mN / 1000).toFixed(2) : null);
