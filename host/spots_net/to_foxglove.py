@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import re
 import struct
 import threading
 from collections import deque
@@ -51,7 +52,8 @@ class Foxglove:
         self._board, self._began_s = board, board.now_s()
         self._plans = plans(board)
         self._name = f"SPOTS {board.info['id']}"
-        self._door = Door(self._host, origins=(*ORIGINS, *origins))
+        named = [self._host] if re.search("[a-z]", self._host) and ":" not in self._host else []
+        self._door = Door(self._host, named, (*ORIGINS, *origins))
         self._channels: dict[tuple[int, str], dict[str, Any]] = {}
         for sensor, plan in enumerate(self._plans):
             for table in (one for one in tables(plan) if one.name in KINDS):
@@ -102,7 +104,9 @@ class Foxglove:
         asyncio.set_event_loop(self._loop)
         try:
             self._loop.run_until_complete(self._serve(opened))
-        except OSError as error:
+        except Exception as error:
+            if opened.done():
+                raise
             opened.set_exception(error)
         finally:
             self._loop.close()
