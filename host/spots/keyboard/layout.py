@@ -8,7 +8,6 @@ movement along the strip) in each direction. docs/type/actions.md describes the 
 
 import re
 from pathlib import Path
-from unicodedata import normalize
 
 import msgspec
 
@@ -62,7 +61,6 @@ def compiled(path: Path, text: str) -> KeyLayout:
     FileError
         If the text is invalid; the message names the place and the remedy.
     """
-    text = normalize("NFC", text)  # ü may be u and a combining mark, which no key types
     content: dict = {}
     try:
         content = toml.loads(text)

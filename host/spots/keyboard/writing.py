@@ -1,5 +1,7 @@
 """What the keys, characters and texts of a layout file are on the computer of its user."""
 
+from unicodedata import normalize
+
 from spots_device.keys import layout as lines_of
 from spots_device.keys.merge import KEYS_MAX
 
@@ -47,7 +49,8 @@ class Writing:
         Modifiers and ``+`` may come before it. Only a character that needs dead keys has several
         actions. SettingError if a name is unknown, or the host cannot type the character.
         """
-        modifiers, name = split_chord(text)
+        # ü may be u and a combining mark.
+        modifiers, name = split_chord(self._composed(text))
         bits = self._bits(modifiers)
         if len(name) != 1 or (self.host is None and _is_key(name)):
             return [lines_of.action(*usage_of(name), bits)]
@@ -68,6 +71,7 @@ class Writing:
 
         SettingError if the host cannot type a character.
         """
+        text = self._composed(text)
         strokes = (stroke for character in text for stroke in self._strokes(character))
         return [stroke.modifiers << 8 | stroke.usage for stroke in strokes]
 
@@ -136,6 +140,11 @@ class Writing:
             else:
                 bits |= by_system[self._system]
         return bits | modifier_bits(named)
+
+    def _composed(self, text: str) -> str:
+        # In the form NFC, unless the host types the text as it is.
+        types = self.host.strokes if self.host else str.isascii
+        return text if all(map(types, text)) else normalize("NFC", text)
 
     def _strokes(self, character: str) -> tuple[hosts.Stroke, ...]:
         host = self.host
