@@ -11,9 +11,7 @@ from spots.keyboard.layout import compiled
 
 @pytest.mark.parametrize("case", cases(), ids=lambda case: case.name)
 def test_a_hold_tap_decides_as_keyboard_firmware_does(case):
-    lines = compiled(Path("case"), case.layout(1)).lines
-    # Keyboard firmware releases a tapped key at once.
-    bench = Bench(["tap_ms 0" if line.startswith("tap_ms ") else line for line in lines])
+    bench = Bench(compiled(Path("case"), case.layout(1)).lines)
     for ms, is_press, switch in case.events:
         bench.at(ms)
         if is_press:

@@ -68,6 +68,23 @@ def test_no_key_is_lost_beside_tapped_keys_that_are_still_down():
     assert all(one.end_ms > one.begin_ms for one in found)
 
 
+def test_nothing_outlives_a_clock_that_restarts():
+    # A board has restarted: a host gets the time of its new clock.
+    for key in ('{tap = "F1", hold = "F2"}', '{macro = ["F1", "wait 500", "F2"]}', '"F1"'):
+        bench = Bench(layout(f'{key}, "B"', tuning="tap_ms = 500"))
+        bench.press("f", 0.2)
+        bench.at(100)
+        if key != '"F1"':
+            bench.release("f")
+            bench.at(120)
+        bench.ms = -5000
+        bench.at(-4980)
+        if key == '"F1"':
+            bench.release("f")
+        bench.at(-4900)
+        assert bench.keyboard.text() == "<00 F1>"
+
+
 MORPH = '[mod_morph.m]\naction = "A"\nmorphed = "%s"\nmods = ["LEFT_SHIFT"]\n'
 DANCE = "[tap_dance.d]\nactions = [%s]\n"
 STARTED = {

@@ -27,7 +27,7 @@ class Case(NamedTuple):
             hold, _, tap = name.rpartition("/")
             keys.append(f'{{tap = "{tap}", hold = "{hold}"}}' if hold else f'"{tap}"')
         return (
-            'name = "case"\n[tuning]\n'
+            'name = "case"\n[tuning]\ntap_ms = 0\n'  # keyboard firmware releases a tap at once
             f'flavor = "{self.flavor}"\n'
             f"tapping_term_ms = {times * self.tapping_term_ms}\n"
             f"quick_tap_ms = {times * self.quick_tap_ms}\n"

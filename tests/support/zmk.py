@@ -29,6 +29,9 @@ class Case(NamedTuple):
     def layout(self, times):
         """Return the text of a layout file with all times multiplied by `times`."""
         text = re.sub(r"_ms = (\d+)", lambda one: f"_ms = {times * int(one[1])}", self.text)
+        # ZMK releases a tapped key at once.
+        tuning = "[tuning]\ntap_ms = 0\n"
+        text = text.replace("[tuning]\n", tuning) if "[tuning]" in text else tuning + text
         return f'name = "case"\n{text}'
 
     def as_here(self, outcome):
@@ -65,9 +68,7 @@ def cases():
 
 def played(case):
     """Return a `Bench` that has played a case."""
-    lines = compiled(Path("case"), case.layout(1)).lines
-    # ZMK releases a tapped key at once.
-    bench = Bench(["tap_ms 0" if line.startswith("tap_ms ") else line for line in lines])
+    bench = Bench(compiled(Path("case"), case.layout(1)).lines)
     for ms, is_press, switch in case.events:
         bench.at(ms)
         if is_press:

@@ -50,6 +50,7 @@ _IS_FIRM = const(2)
 _EVENT = const(4)
 
 _BRIEF = const(4)  # tapped keys that are down at the same time
+_BACK_T = const(64)  # more than `Keypad.until` goes back
 _CAPS_LOCK = const(0x700039)  # action of caps lock
 # Which tapped keys are released.
 _OVER = const(0)  # those whose time is over
@@ -88,7 +89,7 @@ class Engine:
         self._momentary = bytearray(y.LAYERS_MAX)  # switches that hold each layer
         self._brief = array("i", bytes(8 * _BRIEF))  # tapped keys: action, or 0, and ticks
         self._briefs = 0  # how many
-        self._t = 0
+        self._t = _NONE
         self._sticky = self._dance = self._morph = self._repeat = self.caps = self._moves = None
         self._text = None
         self._clear()
@@ -201,6 +202,8 @@ class Engine:
 
         All events up to the time `t` have been reported.
         """
+        if self._t >= 0 and past(t, self._t) > _BACK_T:
+            self.forget()  # the clock of a board on the host: it has restarted
         self._t = t
         if self._briefs and self.sink.has_room():
             self._end_taps(_OVER)
@@ -680,7 +683,8 @@ class Engine:
 
     def release_later(self, action, since):
         """Release an action that was pressed at `since`, or soon if that was just now."""
-        if past(since, self._t) >= self.least_t(action):
+        # Later than now: the clock has restarted.
+        if past(since, self._t) >= self.least_t(action) or past(self._t, since) > _BACK_T:
             self.merger.release(self.sink, action)
             return
         if self._briefs == _BRIEF:
