@@ -229,7 +229,7 @@ def test_zones_layers_and_tuning_come_and_go(tmp_path, file, edits, random):
             keys.insert(i, random.choice(["Q", {}, {"tap": "Q", "firm": "W"}]))
         elif (
             edit == "remove a zone"
-            and not str(keys[i]).startswith(("toggle", "layer"))
+            and not str(keys[i]).startswith(("toggle", "momentary"))
             and len(keys) > 1
         ):
             keys.pop(i)
