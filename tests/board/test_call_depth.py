@@ -14,8 +14,10 @@ from support.random_layouts import random_fingers, random_layout
 
 from spots.keyboard.keys import push
 from spots.link.board import Board
-from spots.link.connect import prepare
+from spots.link.connect import upload
+from spots.link.frames import Key
 from spots_sim.board.lockstep import LockstepLink
+from spots_sim.person.stage import strip_lines
 from spots_sim.strip.files import ScenarioFile, load
 from spots_sim.strip.scenario import Scenario
 
@@ -25,6 +27,7 @@ FIRMWARE = str(Path("spots_device"))
 DEEPEST = 21
 SECONDS = 15.0
 LAYOUTS = 3
+RELEASED_EVERY = 3  # key presses between two commands that release all keys
 
 
 class Depth:
@@ -46,30 +49,43 @@ class Depth:
                 frame = frame.f_back
 
 
+@pytest.mark.parametrize("strips", [1, 2])
 @pytest.mark.parametrize("seed", range(LAYOUTS))
 def test_no_key_needs_more_calls_than_the_stack_of_a_board_has_room_for(
-    sensor, calibration, tmp_path, monkeypatch, seed
+    sensor, calibration, tmp_path, monkeypatch, seed, strips
 ):
+    """Also if a command releases pressed keys; on two strips, it did so with more calls."""
     monkeypatch.setenv("SPOTS_VIRTUAL_RUNTIME", "cpython")
     rng = np.random.default_rng(seed)
     layout = random_layout(rng)
-    fingers = random_fingers(rng, 1.0, SECONDS, sensor.length_mm)
+    seconds = SECONDS / strips
+    fingers = random_fingers(rng, 1.0, seconds, sensor.length_mm)
     scenario = load(ScenarioFile, "demo")
-    scenario = msgspec.structs.replace(scenario, touch=fingers, seconds=SECONDS + 1)
-    link = LockstepLink(sensor, Scenario(scenario), seed, tmp_path)
+    scenario = msgspec.structs.replace(scenario, touch=fingers, seconds=seconds + 1)
+    second = {"second": (Scenario(scenario), seed + 1)} if strips == 2 else {}
+    link = LockstepLink(sensor, Scenario(scenario), seed, tmp_path, **second)
     with Board(link) as board:
-        prepare(board, calibration)
+        made = [strip_lines(calibration, i) for i in board.sensors]
+        for i in board.sensors:
+            upload(board, made[i], i)
         push(board, layout)
         board.command("reboot")
         for _ in board.frames(0.5):
             pass
-        depth = Depth()
+        of_strip = [f" sensor={i}" if second else "" for i in board.sensors]
+        depth, down = Depth(), 0
         sys.setprofile(depth)
         try:
-            prepare(board, calibration)
-            for _ in board.frames(SECONDS):
-                pass
+            for i in board.sensors:
+                upload(board, made[i], i)
+            board.stream("touch")
+            for frame in board.frames(seconds):
+                if isinstance(frame, Key) and frame.pressed:
+                    down += 1
+                    if not down % RELEASED_EVERY:
+                        board.command("set average=1" + of_strip[frame.sensor])
         finally:
             sys.setprofile(None)
     assert link.usb.reports
+    assert down > RELEASED_EVERY
     assert depth.most <= DEEPEST, depth.where

@@ -67,6 +67,8 @@ class Outputs:
         Whether CONTACT frames are streamed.
     two : bool
         Whether two fingers may have caused the last reading.
+    shares : bool
+        Whether several strips share the USB interfaces.
     is_object : bool
         Whether the touch has not moved for the layout's ``stuck_ms``: it is then treated as an
         object, not as a finger.
@@ -87,6 +89,7 @@ class Outputs:
         self._memory_fault = None
         self._keypad = self._layout = None
         self.keyboard_of = self  # strips of one keyboard share its `merge.Merger`
+        self.shares = False
         self.merger = None
         self._contacts = None  # `contacts.Fingers` while contacts are streamed
         # Those in use. The tracker is that of the keypad, or without keys that of the contacts.
@@ -99,7 +102,7 @@ class Outputs:
         self.interfaces = ()  # values of `_there` as a tuple: iterating over it allocates nothing
         self._events = array("i", bytes(4 * 3 * _EVENTS))
         self._waiting = 0  # key events in `_events`
-        self._releases = False  # whether all reports will be released
+        self._releases = False  # whether `release` is running
         self._until = _NONE  # time of the last reading, whose key events are not processed yet
         self._keys_on = self._gamepad_on = self.active = self.pumps = False
         self.layout_lines = layout_lines
@@ -355,7 +358,10 @@ class Outputs:
         return idle
 
     def release(self):
-        """Release all keys and the gamepad, end all contacts; ignore the finger until it lifts."""
+        """Release all keys and the gamepad, end all contacts; ignore the finger until it lifts.
+
+        A strip that shares the keyboard with others releases only its own keys; `pump` sends this.
+        """
         if self._fingers is not None:
             self._fingers.release()
         self._until = _NONE
@@ -364,8 +370,11 @@ class Outputs:
             self._keypad.engine.release()  # here, because its calls nest deeply
             self._releases = False
             self._keypad.release()
-        for output in self.interfaces:
-            output.release()
+        if not self.shares:
+            for output in self.interfaces:
+                output.release()
+        elif self._gamepad_on:
+            self._axes.release()
 
     def finish(self, clock, until):
         """Release all keys and gamepad buttons; wait until USB has accepted these reports.

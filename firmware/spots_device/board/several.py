@@ -101,7 +101,7 @@ class StripApp(BoardApp):
         self.pacing.app = self
         self.pacing.lost = True
         self.outputs._sensor = self.index
-        self.outputs.release = self._release
+        self.outputs.shares = True
         self.replies.log = self._log
 
     def search(self, now):
@@ -164,16 +164,6 @@ class StripApp(BoardApp):
 
     def _name(self, part):
         return part + (str(self.index) if self.index else "")
-
-    def _release(self):
-        # The strips share one keyboard, so a strip releases only its own keys.
-        outputs = self.outputs
-        if outputs._fingers is not None:
-            outputs._fingers.release()
-        if outputs._keypad is not None:
-            outputs._keypad.release()
-        if outputs._gamepad_on:
-            outputs._axes.release()
 
 
 class SeveralApp(StripApp):
