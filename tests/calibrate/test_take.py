@@ -152,6 +152,8 @@ def test_contact_that_sticks_is_not_taken_for_the_next_press(sensor, kind, perce
         bench.release()
         bench.take(firm)
         bench.release()
+        # As a re-zero after typing.
+        bench = Bench(stage.reader, Hesitant(stage), guide, stage.length_um, Path("a.toml"))
         bench.part()
         stage.reader.set_up(dark_s=2.0, untouched=True)
         assert not stage.reader.baseline.any()

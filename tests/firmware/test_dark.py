@@ -13,15 +13,17 @@ from spots_device.reading.dark import Dark as DarkOf
 from spots_device.reading.decode import (
     AGE_US,
     AVERAGE_MAX,
+    BEGUN_US,
     CHECK,
     DARK_SAMPLES,
     EVERY_US,
-    FLAGS,
     FLOOR_SAMPLES,
     IDLE_MIN_US,
     IDLE_US,
     ODD_US,
+    SHADE_US,
     STATE_SIZE,
+    TOUCHED,
     TOUCHING,
     WANTED,
 )
@@ -199,8 +201,27 @@ def test_light_that_is_not_explained_needs_a_dark_sample():
         (8, 10_000, TOUCHING, True),
     ):
         dark.state[AGE_US], dark.state[ODD_US] = age * EXPOSURE_US, odd_us
-        dark.state[FLAGS] = touching
+        dark.state[TOUCHED] = touching
         assert dark.is_due() is due
+
+
+@pytest.mark.parametrize("light", [1, 4, 50])
+def test_the_shadow_of_the_hand_that_presses_is_found_by_one_sample_of_a_touch(light):
+    # As faint as it matters: half of a light of 4 counts in each channel moves positions by 0.3 mm.
+    dark = Dark()
+    dark.schedule(EXPOSURE_US, 0)
+    for _ in range(_WINDOWS):
+        window(dark, [light] * 6)
+    assert (dark.state[SHADE_US] == 2_000_000) is (light > 1)
+    dark.state[TOUCHED], dark.state[BEGUN_US] = TOUCHING, 200_000
+    assert window(dark, [light] * 6) == 1
+    assert not dark.changing
+    if light > 1:
+        assert window(dark, [light // 2] * 6) == 1 + _WINDOW_SAMPLES
+        assert mean(dark) == [light // 2] * 6
+        assert dark.changing
+        dark.state[AGE_US] = 210_000  # older than the touch: the next finger may be of a hand, too
+        assert dark.is_due()
 
 
 @pytest.mark.parametrize("dark_every", [0, 50])

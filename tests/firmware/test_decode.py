@@ -292,6 +292,24 @@ def test_light_that_fits_no_press_is_checked_with_a_dark_window_before_it_begins
     assert (decoder.flags, state[decode.WANTED]) == (FLAWED, 0)
 
 
+def test_light_below_the_dark_ends_a_touch_only_after_a_dark_window(decoder):
+    # A lamp that is switched off under a finger; without the rule, the key is typed twice.
+    below = [decode.BELOW_COUNTS + 1 + count for count in LIT]
+    for led_switches in (0, 10_000):
+        state = decoder.state
+        state[decode.AGE_STEP_US] = led_switches
+        decoder.update(LIT, 1, NO_DARK, 0)
+        decoder.update(LIT, 1, [decode.DARK_SAMPLES * one for one in below], 0)
+        assert decoder.flags == (FLAWED if led_switches else decode.TOO_DARK)
+        assert state[decode.WANTED] == (decode.CHECK if led_switches else 0)
+        assert decoder.position_um == decoder.force_mN == 0
+    decoder.update(LIT, 1, NO_DARK, 0)  # the window
+    assert decoder.flags == decode.TOUCHING
+    for flags in (FLAWED, decode.TOO_DARK):  # if it changes nothing, the finger has left
+        decoder.update(LIT, 1, [decode.DARK_SAMPLES * one for one in below], 0)
+        assert decoder.flags == flags
+
+
 def test_light_that_fits_a_press_is_not_checked(decoder):
     decoder.state[decode.AGE_STEP_US] = 10_000
     decoder.state[decode.LEVEL] = 1

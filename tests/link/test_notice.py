@@ -11,11 +11,11 @@ from spots.link.advice import Advice, advice_for, stored_calibration
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Spectrum, Touch
-from spots.link.notice import PRESSES_A_WEEK, Cusum, notice_for
+from spots.link.notice import PRESSES_A_WEEK, Cusum, Floor, notice_for
 from spots.link.run_length import MOST, run_length, threshold
 from spots.outputs.devices import PrintedKeyboard
 from spots_device.board.settings import checksum
-from spots_device.reading.decode import DARK_SUBTRACTED, MISFIT, TOO_DARK, TOUCHING
+from spots_device.reading.decode import DARK_SUBTRACTED, LED_OFF, MISFIT, TOO_DARK, TOUCHING
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.measure.bound import Bound
 from spots_sim.measure.rezeroed import recalibrated
@@ -207,6 +207,20 @@ def test_moving_light_is_the_advice_not_a_re_zero():
         advice.take(Spectrum(0, 0, i, flags, 9, tuple(counts.tolist())), 0.01 * i)
     assert "the ambient light changes; next: shade the strip" in advice.sentence
     assert "rezero" not in advice.sentence
+
+
+@pytest.mark.parametrize("dark_moves", [False, True])
+def test_light_that_only_the_lit_strip_shows_is_contact_that_sticks(dark_moves):
+    floor = Floor()
+    for i in range(2000):
+        moves = 30 + 25 * np.sin(i / 15)
+        unlit = i % 20 < 3
+        flags = (LED_OFF if i % 20 < 2 else LED_OFF | DARK_SUBTRACTED) if unlit else DARK_SUBTRACTED
+        floor.follow(Touch(0, 0, i, flags, 0, 0, 0.0, 0.0, 0.0))
+        counts = moves if not unlit or dark_moves or not i % 20 else 5
+        floor.follow(Spectrum(0, 0, i, flags, 9, (int(counts),) * 6))
+    assert floor.changes.sum() > 60
+    assert floor.moving is dark_moves
 
 
 @pytest.mark.board

@@ -34,10 +34,11 @@ pytestmark = pytest.mark.board
 
 # Counts of presses at the two ends of the default sensor's strip, and of more and less light.
 NEAR, FAR = [1372, 1392, 1751, 2027, 2449, 1275], [251, 260, 381, 698, 1382, 881]
-FEEBLE = [count // 3 for count in FAR]
+FEEBLE = [81, 84, 125, 229, 458, 291]  # about a third of `FAR`: beyond the far end
 FAINT = [count // 24 for count in NEAR]
 TWO_FINGERS = [(near + far) // 2 for near, far in zip(NEAR, FAR)]
-DARK = [3, 4, 3, 5, 4, 4]
+DARK = [1, 2, 1, 2, 2, 2]  # so few that no hand shades them
+ROOM, LAMP, SHADED = [3, 4, 3, 5, 4, 4], [8] * 6, [4] * 6
 NONE, FULL = [0] * 6, [65_535] * 6
 UNEVEN = [65_535, 1] * 3
 
@@ -113,8 +114,14 @@ SCENES = {
     ),
     "creep of a held finger": scene(TOUCHING, NEAR, SOFT, lasts_ms=100),
     "hysteresis of a weaker finger": scene(TOUCHING, [n * 3 // 4 for n in NEAR], SOFT),
+    "a dark frame of a lamp": scene(
+        TOO_DARK, LAMP, dark=LAMP, request_dark=True, lasts_ms=DARK_FRAME_MS
+    ),
+    "a hand that shades the lamp": scene(TOUCHING, NEAR, dark=SHADED, lasts_ms=2500),
 }
 WITH_DARK_WINDOW = {
+    "a dark frame of a lamp",
+    "a hand that shades the lamp",
     "a dark frame on request",
     "as much light as fits",
     "the dark window when it lifts",
@@ -145,8 +152,8 @@ LAYOUT = [
 
 # Scenes for the longest exposure and the largest average.
 LONG_SCENES = {
-    "nobody for long": scene(TOO_DARK, DARK, lasts_ms=125_000),
-    "a finger for longer": scene(TOUCHING, NEAR, average=64, lasts_ms=75_000),
+    "nobody for long": scene(TOO_DARK, ROOM, dark=ROOM, lasts_ms=125_000),
+    "a finger for longer": scene(TOUCHING, NEAR, dark=ROOM, average=64, lasts_ms=75_000),
 }
 
 
@@ -191,7 +198,7 @@ def given(calibration):
         "settings": ["exposure_us=10000"],
         "calibrations": calibrations,
         "scenes": [played for played, _ in SCENES.values()],
-        "port_bytes": 44_000,
+        "port_bytes": 80_000,
         "contacts": False,
         "uses": [],
         "layout": [],

@@ -187,8 +187,8 @@ class ContactTracker:
         # The call frames of this function and of most that it calls have at most 11 words, see
         # strip.py: the reading is in the state.
         s = self.state
-        if flags & d.LED_OFF:
-            return  # with the LED off, a touch cannot be detected
+        if flags & d.LED_OFF or (flags & d.TOUCHING and not force_mN):
+            return  # whether a finger touches is unknown: LED off, or the ambient light has changed
         s[c.X_NOW_UM] = position_um
         s[c.FORCE_NOW_MN] = force_mN
         s[c.B_NOW] = brightness

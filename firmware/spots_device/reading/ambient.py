@@ -60,6 +60,10 @@ class Ambient:
     def follow(self, tables):
         """Move the dark frame according to the last lit reading; `tables` are as for `kernel`."""
         state = self._state
+        # Such light shifts the misfit, as drift and a second finger do: learn and doubt nothing.
+        state[d.X_FIRM_UM] = -d.NONE
+        state[d.LEARNS] = state[d.DOUBT] = 0
+        state[d.FRESH] = max(state[d.FRESH], 1)
         if self._total < _LEAST or state[d.FLAGS] & (d.SATURATED | d.NOT_CALIBRATED):
             return
         if state[d.FLAGS] & d.TOUCHING:

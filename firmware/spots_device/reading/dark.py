@@ -42,6 +42,10 @@ _CHANGING_EVERY = const(20)
 _ODD_EVERY = const(4)
 _ODD_TOUCH_EVERY = const(8)
 _CHANGING = const(80)
+# While the ambient light is constant, a hand may still shade it: if the mean has at least this
+# number of counts in all channels, a touch has a dark sample, at most this often.
+_SHADE_LEAST = const(12)
+_SHADE_EVERY_US = const(2_000_000)
 _CHANGING_SAMPLES = const(8)  # in the mean
 # The sums of two dark samples differ if the difference is more than this number of counts, plus a
 # share of the sum.
@@ -126,6 +130,9 @@ class Dark:
         state = self.state
         exposure_us = self._exposure_us
         every = self._every
+        state[d.SHADE_US] = _EVERY_MAX_US
+        if self._light() >= _SHADE_LEAST:
+            state[d.SHADE_US] = max(_SHADE_EVERY_US, _DARK_EVERY_SAMPLES * exposure_us)
         if self.changing and (not every or every > _CHANGING_EVERY):
             every = _CHANGING_EVERY
         state[d.EVERY_US] = min(every * exposure_us, _EVERY_MAX_US)
@@ -137,7 +144,12 @@ class Dark:
     def is_due(self):
         """Return whether the last reading needs a dark sample, while the ambient light changes."""
         state = self.state
-        every = _ODD_TOUCH_EVERY if state[d.FLAGS] & d.TOUCHING else _ODD_EVERY
+        every = _ODD_EVERY
+        if state[d.TOUCHED]:
+            every = _ODD_TOUCH_EVERY
+            # If there was none in this touch yet: the hand that presses may shade the strip.
+            if every * self._exposure_us <= state[d.BEGUN_US] < state[d.AGE_US]:
+                return True
         return state[d.ODD_US] > 0 and state[d.AGE_US] >= every * self._exposure_us
 
     def request(self):
@@ -181,7 +193,9 @@ class Dark:
             self.state[d.WANTED] = self._taken = 0
             self._left = _WINDOW_SAMPLES * windows
         else:
-            self._left = _WINDOW_SAMPLES if self.state[d.IDLE_MIN_US] else 1
+            self._left = 1
+            if self.state[d.IDLE_MIN_US] and not self.state[d.TOUCHED]:
+                self._left = _WINDOW_SAMPLES
         return self._left > 1
 
     def add(self, counts):
@@ -197,12 +211,30 @@ class Dark:
         self._taken += 1
         self._left -= 1
         if self._taken == _WINDOW_SAMPLES or not self._left:
-            self._pool(self._taken)
+            if self._is_shaded():
+                self._left = _WINDOW_SAMPLES  # a shadow, or a lamp that flickers: a window decides
+            else:
+                self._pool(self._taken)
             self._taken = 0
         if self._left > 0:
             return False
         self.state[d.AGE_US] = 0
         return True
+
+    def _is_shaded(self):
+        # Whether a single sample differs from the mean, although the light counts as constant.
+        if self._taken > 1 or not self.state[d.IDLE_MIN_US]:
+            return False
+        return self._has_moved(self._light())
+
+    def _has_moved(self, light):
+        return abs(self._most - light) > _CHANGE + (light >> _CHANGE_SHIFT)
+
+    def _light(self):
+        light = 0
+        for mean in self.mean:
+            light += mean + (1 << _Q - 1) >> _Q
+        return light
 
     def sums(self):
         """Return each channel's mean dark count, times `decode.DARK_SAMPLES`, rounded."""
@@ -230,10 +262,11 @@ class Dark:
         elif self.changing:
             self.changing -= 1
             # The mean may have followed the light, see ambient.py.
-            if abs(self._most - self._last) > _CHANGE + (self._last >> _CHANGE_SHIFT):
+            if self._has_moved(self._last):
                 self.changing = _CHANGING
+            if samples == 1 and self._has_moved(self._light()):
+                count = 0
         self._last = self._most
-        self._pace()
         full = _CHANGING_SAMPLES if self.changing else _FULL
         if count < full:
             count += samples
@@ -244,6 +277,7 @@ class Dark:
         for i in range(CHANNELS):
             gap = (self.window[i] << shift) - self.mean[i]
             self.mean[i] += (gap + (weight >> 1)) // weight
+        self._pace()
 
 
 class Baseline:

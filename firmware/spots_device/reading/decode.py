@@ -84,6 +84,7 @@ BELOW = 33  # bool: a channel is clearly below the floor, so the ambient light h
 AVERAGE = 34  # samples of a complete reading
 IDLE_MIN_US = 35  # us: least time without a touch before a dark frame
 SHIFT = 36  # right shift from Q12 to the floor
+SHADE_US = 37  # us: age from which the hand of a touch may shade the light of the dark frame
 # Sums of weights times logarithms, Q20 of log2: four elements, only in machine code.
 COARSE_SUM = 38
 MISFIT_SUM = 39
@@ -137,6 +138,8 @@ CHECK = 2  # value of `WANTED`: a dark window for the present mean
 
 # Limits of `kernel.process`.
 IDLE_US_MAX = 1_000_000  # us: largest stored time without a touch
+BEGUN_US_MAX = 10_000_000  # us: largest stored time of a touch
+SHADED_US = 200_000  # us: least time of a touch before a dark sample; taps are shorter
 # The ambient light has changed if one of two things lasts for `ODD_US_MAX`: a touch does not fit
 # one press, or the sum of the counts without a touch differs by more than `ODD_COUNTS` from that of
 # dark frame and baseline.

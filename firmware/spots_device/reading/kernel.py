@@ -113,6 +113,8 @@ def _follow_light(state, flags, two):
     if not flags & (d.LED_OFF | d.NOT_CALIBRATED) and (state[d.PEAK] or flags & d.TOUCHING):
         unstick(state, flags, lasted_us)
     aged = state[d.AGE_US] >= state[d.EVERY_US] and state[d.IDLE_US] >= state[d.IDLE_MIN_US]
+    if state[d.TOUCHED] and state[d.BEGUN_US] >= d.SHADED_US:
+        aged |= state[d.AGE_US] >= state[d.SHADE_US]
     state[d.DUE] = 1 if state[d.WANTED] or aged else 0
 
 
@@ -171,6 +173,10 @@ def estimate(state, tables, flags):
     light = state[d.SUMS] + state[d.SUMS + 1] + state[d.SUMS + 2]
     state[d.LIGHT] = light + state[d.SUMS + 3] + state[d.SUMS + 4] + state[d.SUMS + 5]
     if not _take_logs(state):
+        if touching and not flags & d.NOT_CALIBRATED and _has_faded(state):
+            state[d.WANTED] |= d.CHECK
+            state[d.FLAGS] = flags | d.MISFIT | d.TOUCHING
+            return
         flags |= d.TOO_DARK
     elif tables[d.SEGMENTS]:
         flags |= _judge(state, touching) if _locate(state, tables) else d.TOO_DARK
@@ -182,6 +188,21 @@ def estimate(state, tables, flags):
     elif touching:
         learn(state)
     state[d.FLAGS] = flags
+
+
+def _has_faded(state):
+    # A finger that lifts leaves no light below the floor: until a dark window has shown the ambient
+    # light, the finger has not left. Light that sticks is only estimated, so a floor with such
+    # light shows nothing. If the window changes nothing, the next reading ends the touch.
+    state[d.FAINT] = (
+        1
+        if state[d.BELOW]
+        and not state[d.FAINT]
+        and state[d.AGE_STEP_US]
+        and state[d.STUCK] < d.STUCK_LEAST
+        else 0
+    )
+    return state[d.FAINT]
 
 
 def _size_table():
@@ -361,7 +382,7 @@ def _follow_touch(state, touching):
     # Update what lone.py needs.
     if not touching:
         begin(state)
-    if state[d.BEGUN_US] < d.MOVES_US:
+    if state[d.BEGUN_US] < d.BEGUN_US_MAX:
         state[d.BEGUN_US] += state[d.TAKEN] * state[d.EXPOSURE_US]
     if state[d.FORCE_MN] >> 2 >= state[d.TOUCH_ON_MN]:
         x_um = state[d.POSITION_UM]

@@ -61,6 +61,7 @@ def process(work, flags: int) -> int:
         state[d.DUE] = 1 if state[d.WANTED] else 0
         return 0
     # Each `break` ends the estimate.
+    has_faded = 0
     while True:
         touching = state[d.TOUCHED]
         for i in range(d.CONTRAST, d.FORCE_MN + 1):
@@ -98,6 +99,12 @@ def process(work, flags: int) -> int:
             low += ((n & 16383) * (table[step + 1] - low)) >> 14
             state[d.LOGS + i] = (exponent << Q) + ((low + 8) >> GUARD)
         state[d.LIGHT] = light
+        if is_dark and touching and flags & d.NOT_CALIBRATED == 0:  # as kernel._has_faded
+            if state[d.BELOW] and state[d.AGE_STEP_US] and state[d.STUCK] < d.STUCK_LEAST:
+                has_faded = 1 - state[d.FAINT]
+            state[d.FAINT] = has_faded
+            if has_faded:
+                break
         flags |= is_dark
         if flags & (d.TOO_DARK | d.NOT_CALIBRATED):
             break
@@ -262,12 +269,16 @@ def process(work, flags: int) -> int:
         state[d.FAINT] = faint
         break
     us = state[d.TAKEN] * state[d.EXPOSURE_US]
-    if flags & d.TOUCHING:  # as kernel._follow_touch
+    if has_faded:
+        state[d.WANTED] = state[d.WANTED] | d.CHECK
+        state[d.TOUCHED] = d.TOUCHING
+        flags |= d.MISFIT | d.TOUCHING
+    elif flags & d.TOUCHING:  # as kernel._follow_touch
         if touching == 0:
             begin(work[d.STATE])
         late = ptr32(uint(state) + 4 * d.LATE)
         n = late[d.BEGUN_US - d.LATE]
-        if n < d.MOVES_US:
+        if n < d.BEGUN_US_MAX:
             late[d.BEGUN_US - d.LATE] = n + us
         if state[d.FORCE_MN] >> 2 >= state[d.TOUCH_ON_MN]:
             at = state[d.POSITION_UM]
@@ -336,6 +347,10 @@ def process(work, flags: int) -> int:
     n = state[d.WANTED]
     if state[d.AGE_US] >= state[d.EVERY_US] and state[d.IDLE_US] >= state[d.IDLE_MIN_US]:
         n = 1
+    if state[d.TOUCHED] and state[d.AGE_US] >= state[d.SHADE_US]:
+        late = ptr32(uint(state) + 4 * d.LATE)
+        if late[d.BEGUN_US - d.LATE] >= d.SHADED_US:
+            n = 1
     state[d.DUE] = 1 if n else 0
     if state[d.STREAMED] == 0:
         return 0

@@ -45,6 +45,7 @@ _MEAN_PRESSES = 10  # the reported error is a mean over about so many presses
 _FLOOR_READINGS, _FLOOR_MIN, _AFTER, _BEFORE = 256, 32, 20, 3
 _LIGHT_READINGS = 200  # over which changes of the ambient light are measured
 _DARK_VARIANCE = 0.3  # counts**2; largest variance of a channel without a change of the light
+_DARKS = 20  # samples with the LED off, over which such changes are measured
 _MOVING_COUNTS = 12.0  # standard deviation of the sum of all channels while the light changes
 _GRID = 60  # positions for which the changes of the spectrum are computed
 
@@ -62,7 +63,8 @@ class Floor:
     """Light of the untouched strip: ambient light, dark counts, and light without a press.
 
     `counts` are six means, None before enough readings without a touch. `changes` are the standard
-    deviations of the changes of this light within some seconds.
+    deviations of the changes of this light within some seconds. `moving` is whether the ambient
+    light changes: contact that sticks changes `counts`, too, but no sample with the LED off.
     """
 
     def __init__(self, dark: Sequence[float] | None = None):
@@ -74,12 +76,15 @@ class Floor:
         self._latest: list[np.ndarray] = []
         self._sum, self._recent = np.zeros(CHANNELS), np.zeros(CHANNELS)
         self._squares = np.zeros(CHANNELS)
+        self._unlit = 0  # successive samples with the LED off; it was on in a part of the first one
+        self._darks: deque[Sequence[int]] = deque(maxlen=_DARKS)
 
     def follow(self, frame: Touch | Spectrum) -> Touch | None:
         """Take a frame; return the touch of the same reading if `frame` is its spectrum."""
         if isinstance(frame, Touch):
             self._touch = frame
             return None
+        self._follow_dark(frame)
         touch, self._touch = self._touch, None
         if touch is None or touch.t_us != frame.t_us or frame.flags & decode.LED_OFF:
             return None
@@ -95,6 +100,15 @@ class Floor:
                 self._add(self._latest.pop(0))
         return touch
 
+    def _follow_dark(self, frame: Spectrum) -> None:
+        is_off = frame.flags & (decode.LED_OFF | decode.DARK_SUBTRACTED) == decode.LED_OFF
+        self._unlit = self._unlit + 1 if is_off else 0
+        if self._unlit > 1:
+            self._darks.append(frame.counts)
+            variance = np.var(self._darks, axis=0)
+            change = np.sqrt(np.maximum(variance - _DARK_VARIANCE, 0.0)).sum()
+            self.moving = bool(change > _MOVING_COUNTS)
+
     def _add(self, counts: np.ndarray) -> None:
         self._readings += 1
         share = max(1 / self._readings, 1 / _FLOOR_READINGS)
@@ -107,7 +121,8 @@ class Floor:
         if self._readings > 1:
             self._squares += share * (step * step - self._squares)
         self.changes = np.sqrt(np.maximum(self._squares - _DARK_VARIANCE, 0.0))
-        self.moving = self._readings >= _FLOOR_MIN and self.changes.sum() > _MOVING_COUNTS
+        if not self._darks:  # the LED is always on
+            self.moving = self._readings >= _FLOOR_MIN and self.changes.sum() > _MOVING_COUNTS
 
 
 class Cusum:

@@ -74,7 +74,7 @@ class Bench:
     spent: int = 0
     trace: list[tuple[float, ...]] = field(default_factory=list)
     holds: list[tuple[float, float]] = field(default_factory=list)
-    _is_parted: bool = True
+    _is_parted: bool = False  # keys may have been typed before
 
     @property
     def window(self) -> int:
@@ -162,7 +162,7 @@ class Bench:
         )
 
     def part(self) -> None:
-        """Wait until the guides have parted after the last release.
+        """Wait until the guides have parted after the last press.
 
         Contact of soft guides can stick for some seconds, and its light looks like a weak press.
         The wait ends when there is no light, or when it hardly falls: then it has another cause.

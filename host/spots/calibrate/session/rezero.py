@@ -63,6 +63,8 @@ def rezero(
         raise CalibrationError(f"{bench.path}: {reason}")
     longer = reader.conditions.exposure_us / table.conditions.exposure_us
     bench.guide.say("taking dark frames: touch nothing")
+    if not joint:
+        bench.part()  # the strip may have been used until now
     reader.set_up(dark_s=DARK_S, untouched=not joint)
     if joint:  # the indenter always presses the strip
         reader.use_baseline(made.lines)
