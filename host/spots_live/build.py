@@ -41,7 +41,7 @@ def build(folder: Path, micropython: Path, strips: Collection[str] = tuple(STRIP
         shutil.copytree(path, folder)
     with resources.as_file(own) as path:
         shutil.copytree(path, folder, dirs_exist_ok=True)
-    (folder / "board.py").write_bytes((resources.files("spots_live") / "tab_board.py").read_bytes())
+    (folder / "board.py.in").rename(folder / "board.py")
     there = folder / "micropython"
     there.mkdir()
     for name in _MICROPYTHON:

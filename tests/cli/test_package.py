@@ -84,7 +84,7 @@ PROMISES = {
     "moulds": (["python", "-c", "import spots_make.mould as m; print(m.require())"], "None"),
     "web": (["python", "-c", "import spots_web.app"], ""),
     "zenoh": (["spots", "subscribe", "--seconds", "0.1"], ""),
-    "foxglove": (["spots", "publish", *READ, "foxglove=:0"], ""),
+    "foxglove": (["spots", "publish", *READ, "foxglove=127.0.0.1:0"], ""),
     "lsl": (["spots", "publish", *READ, "lsl"], ""),
     "osc": (["spots", "publish", *READ, "osc=127.0.0.1:9"], ""),
     "docs": (["python", "-c", "import zensical, mkdocstrings"], ""),

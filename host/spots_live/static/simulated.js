@@ -14,7 +14,7 @@ export function draw() {
   return Math.sqrt(-2 * Math.log(1 - Math.random())) * Math.cos(2 * Math.PI * Math.random());
 }
 
-// `files`: the firmware, by path, as bytes. `glue`: the text of tab_board.py. `light`: see light.js. `noise`: see
+// `files`: the firmware, by path, as bytes. `glue`: the text of board.py.in. `light`: see light.js. `noise`: see
 // chip/converter.js. `onBytes(bytes)` gets what the board sends; `onReport(name, report)` its USB reports.
 export async function simulatedBoard({ files, glue, config, id, light, noise, onBytes, onReport, onPrint = console.log }) {
   const clock = { timeUs: 0 }, bus = new I2CBus(new AS7341(light, noise, draw), clock, config.I2C_HZ);

@@ -1,0 +1,111 @@
+"""The firmware in MicroPython for WebAssembly against MicroPython for Unix."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.link.decoder import Decoder
+from spots.link.frames import Text, Touch
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.person.stage import calibrate
+from spots_sim.strip.files import ScenarioFile, SensorFile, load
+from spots_sim.strip.scenario import Scenario
+
+pytestmark = pytest.mark.board
+# More than a run of all tests can pay for: SPOTS_LIVE_SECONDS=100 is 10,000 samples.
+SECONDS = float(os.environ.get("SPOTS_LIVE_SECONDS", "10"))
+
+
+class Recorded:
+    """A bus and its clock whose requests and answers are stored in `entries`."""
+
+    def __init__(self, bus):
+        self._bus, self.clock = bus, self
+        self._clock = bus.clock
+        self.entries: list[dict] = []
+        self.typed = b""
+
+    def __getattr__(self, name):
+        return getattr(self._bus, name)
+
+    def now_us(self):
+        return self._clock.now_us()
+
+    def spend_us(self, duration_us):
+        self._clock.spend_us(duration_us)
+
+    def pause_us(self, duration_us):
+        self._clock.pause_us(duration_us)
+        self._add(None, "sleep", int(duration_us))
+
+    def write(self, address, data):
+        self._bus.write(address, data)
+        self._add(None, "write", address, bytes(data).hex())
+
+    def write_read(self, address, data, size):
+        answer = self._bus.write_read(address, data, size)
+        self._add(bytes(answer).hex(), "read", address, data[0], size)
+        return answer
+
+    def _add(self, answer, *asked):
+        typed, self.typed = self.typed, b""
+        time_us = int(self._clock.now_us())
+        self.entries.append(
+            {"asked": asked, "answer": answer, "time_us": time_us, "typed": typed.hex()}
+        )
+
+
+class Link(LockstepLink):
+    """A virtual board whose bus, input and output are recorded."""
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments, board="virtual")
+        self.bus = self.recorded = Recorded(self.bus)
+        self.sent = b""
+
+    def write(self, data):
+        self.recorded.typed += data
+        super().write(data)
+
+    def read(self, timeout_s):
+        data = super().read(timeout_s)
+        self.sent += data
+        return data
+
+
+def test_the_board_of_the_tab_sends_the_bytes_of_the_unix_port(node, live, monkeypatch):
+    # Fails if the arithmetic, the frames or the order of requests differ on 32-bit WebAssembly.
+    monkeypatch.delenv("SPOTS_VIRTUAL_RUNTIME", raising=False)
+    sensor = load(SensorFile, "default")
+    lines = calibrate(sensor)
+    link = Link(sensor, Scenario(load(ScenarioFile, "demo")))
+    with Board(link) as board:
+        identity = board.info["id"]
+        prepare(board, lines)
+        board.command("stream touch spectrum contact")
+        for _ in board.frames(SECONDS):
+            pass
+    # Before the application starts, a board looks for a long time whether its button is pressed.
+    entries = list(itertools.dropwhile(lambda e: e["asked"][0] == "sleep", link.recorded.entries))
+    start_us = link.recorded.entries[-len(entries) - 1]["time_us"]
+    given = {"page": str(live), "id": identity, "start_us": start_us, "entries": entries}
+    script = Path(__file__).with_name("firmware.mjs")
+    run = subprocess.run(
+        [node, script], input=json.dumps(given), capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr[-2000:]
+    ours, theirs = (Decoder().feed(data) for data in (link.sent, bytes.fromhex(run.stdout)))
+    count = min(len(ours), len(theirs))
+    assert sum(isinstance(frame, Touch) for frame in theirs[:count]) > 99 * SECONDS
+    different = [(one, other) for one, other in zip(ours, theirs) if one != other]
+    assert [one.content["re"] for one, _ in different if isinstance(one, Text)] == ["hello"] * len(
+        different
+    )
