@@ -117,7 +117,7 @@ SCENES = {
     "a dark frame of a lamp": scene(
         TOO_DARK, LAMP, dark=LAMP, request_dark=True, lasts_ms=DARK_FRAME_MS
     ),
-    "a hand that shades the lamp": scene(TOUCHING, NEAR, dark=SHADED, lasts_ms=2500),
+    "a hand that shades the lamp": scene(TOUCHING, NEAR, dark=SHADED, average=8, lasts_ms=2700),
 }
 WITH_DARK_WINDOW = {
     "a dark frame of a lamp",
@@ -198,7 +198,7 @@ def given(calibration):
         "settings": ["exposure_us=10000"],
         "calibrations": calibrations,
         "scenes": [played for played, _ in SCENES.values()],
-        "port_bytes": 80_000,
+        "port_bytes": 52_000,
         "contacts": False,
         "uses": [],
         "layout": [],
