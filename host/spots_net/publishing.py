@@ -10,6 +10,7 @@ from typing import Any
 from spots.common.other_clock import OtherClock
 from spots.common.signals import released_by_signals
 from spots.errors import BoardError
+from spots.link.advice import learn_calibrations
 from spots.link.board import Board
 from spots.link.connect import open_named
 from spots.link.frames import Contact, Key, Spectrum, Touch
@@ -62,6 +63,7 @@ def publish_command(options: argparse.Namespace) -> None:
                 for opens in makers:
                     outlets.append(opens(board))
                     stack.callback(outlets[-1].close)
+                learn_calibrations(board)
                 stream(board)
                 for outlet in outlets:
                     print(f"published as {outlet.place} (Ctrl-C ends it)", flush=True)

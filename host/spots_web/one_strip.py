@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from spots.link.board import Board
@@ -32,6 +32,10 @@ class OneStrip:
         if reply["re"] == "hello":
             self.info = dict(reply)
         return reply
+
+    def learn(self, lines: Sequence[str] | None, info: Mapping[str, Any], sensor: int = 0) -> None:
+        """Take the calibration of this strip; see `Board.learn`."""
+        self._board.learn(lines, info, self.sensor)
 
     def set(self, **settings: Any) -> Mapping[str, Any]:
         """Change settings of this strip; see `Board.set`."""

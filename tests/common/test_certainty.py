@@ -1,15 +1,36 @@
 """The standard deviation of a position agrees with the errors of the positions at every force."""
 
+from math import isnan
+
 import numpy as np
 import pytest
 
 from spots.calibrate.fit.decoded import Decoded
 from spots.common.certainty import Certainty
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.link.frames import Touch, with_sigma
 from spots_device.reading.calibration import Calibration
+from spots_sim.board.lockstep import LockstepLink
 from spots_sim.measure.bound import Bound
+from spots_sim.strip.scenario import Held
+from spots_web.one_strip import OneStrip
 
 PLAN = "F3", "F4", "F5", "F6", "F7", "F8"
 READ_NOISE = 0.18  # counts
+
+
+@pytest.mark.board
+def test_each_strip_has_the_sigma_of_its_own_calibration(sensor, calibration):
+    with Board(LockstepLink(sensor, Held())) as board:
+        touch = Touch(1, 1, 5000, 9, 0, 8 << 20, 42_000, 1500)
+        OneStrip(board, 1).learn(calibration, {"average": 4})
+        assert list(board._channel.certainties) == [1]
+        expected_um = Certainty.of(calibration, 4).sigma_of(42_000, 8.0)
+        assert with_sigma(touch, board._channel.certainties).sigma_um == round(expected_um, 1)
+        assert isnan(with_sigma(touch._replace(sensor=0), board._channel.certainties).sigma_um)
+        prepare(board, calibration)
+        assert sorted(board._channel.certainties) == [0, 1]
 
 
 @pytest.mark.parametrize("force_mN", [500.0, 1000.0, 3000.0, 9000.0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any, cast
 
 from spots_device.board.settings import checksum  # pyright: ignore[reportUnknownVariableType]
@@ -86,6 +87,14 @@ def stored_calibration(
         known = _stored(board, "cal", name, sensor)
         board.learn(known, info, sensor)
     return known
+
+
+def learn_calibrations(board: Board) -> None:
+    """Read the calibrations of a board's strips for `Touch.sigma_um`, as far as they are known."""
+    with suppress(SpotsError):
+        for sensor in board.sensors:
+            info = board.command(of_sensor("hello", sensor)) if sensor else board.info
+            stored_calibration(board, info, sensor)
 
 
 def stored_layout(board: Board, info: Mapping[str, Any], sensor: int = 0) -> Sequence[str] | None:

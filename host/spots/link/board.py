@@ -59,6 +59,9 @@ class Board(Readings, AbstractContextManager["Board"]):
         True for a recording or a remote board, which no command can change.
     recorded : bool
         True for a recording.
+    calibration : list of str or None
+        Lines of the latest calibration that this object uploaded to sensor 0; None if there was no
+        upload; see also `advice.stored_calibration`.
 
     Raises
     ------
@@ -90,7 +93,7 @@ class Board(Readings, AbstractContextManager["Board"]):
         self._on_mark: list[Callable[..., None]] = []
         self.read_only = self._channel.replying is not None
         self.recorded = (player := self._channel.player) is not None
-        self._calibration = None if player is None else player.calibration
+        self.calibration: list[str] | None = None if player is None else player.calibration
         try:
             self._connection.open()
         except BaseException:

@@ -5,7 +5,6 @@ import sys
 import time
 from argparse import Namespace
 from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
 from os import PathLike
 from typing import Any
 
@@ -15,7 +14,7 @@ from spots_device.reading.calibration_lines import CalibrationError as LinesErro
 from spots_device.reading.rescale import rescale  # pyright: ignore[reportUnknownVariableType]
 
 from ..errors import BoardError, CalibrationError, NoReplyError, PortError, SpotsError, path_text
-from .advice import stored_calibration
+from .advice import learn_calibrations
 from .board import Board
 from .lines import of_sensor
 from .ports import comes_and_goes, known, scheme
@@ -49,10 +48,7 @@ def open(port: str | PathLike[str] | None = None) -> Board:
         If no board or more than one board is found, or an argument is wrong.
     """
     board = open_with(port, None)
-    with suppress(SpotsError):  # then `Touch.sigma_um` is unknown
-        for sensor in board.sensors:
-            info = board.command(of_sensor("hello", sensor)) if sensor else board.info
-            stored_calibration(board, info, sensor)
+    learn_calibrations(board)
     return board
 
 
@@ -267,8 +263,8 @@ def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
             "older firmware, run 'spots flash', then upload the calibration again",
             error.why,
         ) from None
+    board.learn(calibration, i, sensor)
     if sensor:
-        board.learn(calibration, i, sensor)
         return
     board.calibration = list(calibration)
     board.info["calibration"], board.info["length_um"] = name, made.length_um

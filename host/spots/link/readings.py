@@ -19,7 +19,6 @@ class Readings:
 
     _channel: Channel
     _streams: Streams
-    _calibration: list[str] | None = None
     read_only: bool
     command: Callable[..., Any]
 
@@ -27,20 +26,6 @@ class Readings:
     def port(self) -> str:
         """Name of the port."""
         raise NotImplementedError
-
-    @property
-    def calibration(self) -> list[str] | None:
-        """Lines of the calibration of sensor 0; None if they are unknown.
-
-        They are known in a recording, and after an upload by this object; see also
-        `advice.stored_calibration`.
-        """
-        return self._calibration
-
-    @calibration.setter
-    def calibration(self, lines: list[str] | None) -> None:
-        self._calibration = lines
-        self.learn(lines, self._channel.info)
 
     def learn(self, lines: Sequence[str] | None, info: Mapping[str, Any], sensor: int = 0) -> None:
         """Compute `Touch.sigma_um` of the next readings of a sensor from its calibration.

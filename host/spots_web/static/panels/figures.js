@@ -17,7 +17,7 @@ export function figures(root) {
     place.show(there ? (touch.position_um / 1000).toFixed(2)
       : several(touch) ? [...touch.fingers].sort((a, b) => a - b).map((um) => (um / 1000).toFixed(1)).join(" · ") : null);
     const sigma_um = there ? touch.sigma_um ?? null : null;
-    place.unit(sigma_um === null ? "mm" : `± ${(sigma_um / 1000).toFixed(2)} mm`);
+    place.note(sigma_um === null ? "" : `± ${(sigma_um / 1000).toFixed(2)} mm`);
     place.root.classList.toggle("pair", several(touch));
     for (const { root } of [place, force]) root.classList.toggle("doubtful", there && !touch.trusted);
     force.show(there ? (touch.force_mN / 1000).toFixed(2) : null);
@@ -28,11 +28,11 @@ export function figures(root) {
 function figure(name, unit) {
   const number = document.createTextNode("");
   const value = make("b", "", number, make("small", "", unit)), last = value.lastChild;
-  const root = make("div", "figure none", make("span", "", name), value);
+  const note = make("small"), root = make("div", "figure none", make("span", "", name), value, note);
   const show = (text) => {
     root.classList.toggle("none", text === null);
     number.data = text ?? "–";
   };
   show(null);
-  return { root, show, unit: (text) => { last.textContent = text; } };
+  return { root, show, unit: (text) => { last.textContent = text; }, note: (text) => { note.textContent = text; } };
 }
