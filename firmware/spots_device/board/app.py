@@ -386,6 +386,8 @@ class BoardApp:
             Note for the user: why the calibration is not used, or why keys or gamepad do not work
             although they are switched on. None if everything works.
         """
+        self._time.update()
+        self.outputs.release()  # before `use_stored`, because its calls nest deeply
         notes = self.use_stored(), self.outputs.note(self.strip.decode.calibration)
         self.measure()
         gc.collect()  # frees the garbage of parsing
