@@ -47,8 +47,9 @@ EACH_SAMPLE = {
     "keys/sticky": "press release pressed tick forget holds _finish _change",
     "reading/frame": "send _send_body",
     "reading/kernel": "process _add _stamp estimate _take_logs _locate _beyond _judge "
-    "_follow_light _odd_light",
+    "_off _follow_touch _follow_light _odd_light",
     "reading/log2": "log2_q20",
+    "reading/lone": "begin move is_doubtful _weigh _add_noise learn confirm _jump _follow",
     "reading/sticking": "unstick _fade _set_floor _forget _peak _measure _net _correct",
     "sensor/burst": "unpack",
     "sensor/pacing": "early found held skip",

@@ -110,7 +110,10 @@ def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
     alone = power(first) >> 6
     if not solve(_solved, decay, x_um - x1_um, alone, brightness):
         return False
-    away_um, lost, ratio, other = _solved
+    away_um = _solved[_AWAY_UM]  # to unpack an array allocates an iterator
+    lost = _solved[_LOST]
+    ratio = _solved[_RATIO]
+    other = _solved[_OTHER]
     lever = (256 - 262144 // (1024 + ratio)) * (alone + other) // other  # (1 - f) l / l2, Q8
     apart_um = abs(away_um)
     room = 0

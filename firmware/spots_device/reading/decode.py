@@ -123,11 +123,12 @@ TOLERANCE_FIRM = 95  # Q12: least tolerance of these readings
 LONE = 96  # bool: all firm readings of the touch are at one position
 EXCESS = 97  # sum of weights times excesses of the misfit
 WEIGHT = 98  # sum of these weights
-FRESH = 99  # touches until a jump of the drift is known everywhere
+FRESH = 99  # touches until a jump of the drift is known everywhere; `UNKNOWN` after a start
 JUMPED = 100  # Q12: jump of the drift in this touch
 STATE_SIZE = 101
 
 OFF_MAX = 1 << 20  # Q12
+UNKNOWN = 7  # value of `FRESH`: no touch has shown the drift yet
 NONE = 1 << 24  # um or Q12: a value that is unknown
 MOVES_US = 50_000  # us: a touch that moves so early may be of two fingers
 MOVED_UM = 800  # um: largest motion of one finger between two firm readings
@@ -235,6 +236,7 @@ class Decode:
             self.state[TOUCH_OFF_MN] = calibration.touch_off_mN
             self.state[DRIFT_MAX] = calibration.drift_max
             self.state[MIDDLE_UM] = calibration.length_um >> 1
+            self.state[FRESH] = UNKNOWN
 
     def scale(self, samples, dark_samples):
         """Set the number of samples in a reading, and in the sums that are subtracted from it.

@@ -54,12 +54,7 @@ def move(state):
 def is_doubtful(state, tables):
     """Return whether two fingers may have caused a reading in which `DOUBT` is not 0."""
     # The mean over this reading and the ones before, which count half as much each.
-    total = 0
-    for i in range(CHANNELS):
-        net = state[d.SUMS + i] // state[d.SAMPLES] - state[d.FLOOR + i] // state[d.FLOOR_SAMPLES]
-        ratio = min((abs(tables[d.WEIGHTS + CHANNELS + i]) << 2) // max(net, 1), _RATIO_MAX)
-        total += ratio * ratio * (_COUNT_Q8 + (max(net, 0) >> _SHOT_LOG2))
-    weight = _ONE // ((total >> 13) // state[d.SAMPLES] + _LEAST) or 1
+    weight = _weigh(state, tables)
     excess = min(max(state[d.OFF_Q12], -_EXCESS_MAX), _EXCESS_MAX) * weight
     state[d.EXCESS] = excess = excess + (state[d.EXCESS] >> 1)
     state[d.WEIGHT] = weight = weight + (state[d.WEIGHT] >> 1)
@@ -69,12 +64,41 @@ def is_doubtful(state, tables):
     return False
 
 
+# At most 11 words in each call frame, see strip.py.
+
+
+def _weigh(state, tables):
+    state[d.FOUND] = 0
+    for i in range(CHANNELS):
+        _add_noise(state, tables, i)
+    return _ONE // ((state[d.FOUND] >> 13) // state[d.SAMPLES] + _LEAST) or 1
+
+
+def _add_noise(state, tables, i):
+    # Add the part of a channel in the variance of the misfit to `FOUND`.
+    net = state[d.SUMS + i] // state[d.SAMPLES] - state[d.FLOOR + i] // state[d.FLOOR_SAMPLES]
+    if net < 1:
+        net = 1
+    ratio = (abs(tables[d.WEIGHTS + CHANNELS + i]) << 2) // net
+    if ratio > _RATIO_MAX:
+        ratio = _RATIO_MAX
+    net = _COUNT_Q8 + (net >> _SHOT_LOG2)
+    state[d.FOUND] += ratio * ratio * net
+
+
 def learn(state):
     """End a touch: learn the drift of the misfit, if one finger caused the touch."""
     if state[d.X_FIRM_UM] == -d.NONE:
         return
     off = state[d.MEAN] + 8 >> 4
     tolerance = state[d.TOLERANCE_FIRM]
+    if state[d.FRESH] == d.UNKNOWN and abs(off) <= tolerance:
+        # The first touch after a start; of two fingers, one has lifted before the other.
+        if state[d.LONE] and abs(off) > tolerance >> 2:
+            _jump(state, off)
+        elif abs(off) <= tolerance >> 2:
+            state[d.FRESH] = 0
+        return
     if not state[d.LONE]:
         if state[d.JUMPED]:
             _jump(state, -state[d.JUMPED])
