@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from support.refusals import refusal
 
-from spots.errors import PortError
+from spots.errors import BoardError, PortError
+from spots.link.calibrated import hello_calibrated
 from spots_device.reading import decode
 
 pytestmark = pytest.mark.board
@@ -48,6 +49,9 @@ def test_a_sensor_that_is_unplugged_and_plugged_in_again(rig, calibration):
     made.settle(2.0)
     assert [line["log"] for line in made.board.log] == ["error"]  # one log line, not many
     assert made.board.command("get")["fault"]
+    made.board.set(exposure_us=10_000)  # without a sensor, `hello` has no calibration afterwards
+    with refusal(BoardError, why="no_bus"):
+        hello_calibrated(made.board)
     made.link.bus.cut = False
     made.settle(0.5)
     assert [line["text"] for line in made.board.log][-1] == "the sensor answers"

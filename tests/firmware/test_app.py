@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from bench import canned
 
-from spots_device.board import app
+from spots_device.board import app, several
 from spots_device.board import store as store_module
 from spots_device.board.settings import LIMITS, checksum
 from spots_device.board.start import blink
@@ -119,6 +119,27 @@ class FailingBus(canned.Bus):
 
 def full(*_):
     raise MemoryError
+
+
+class TwoStrips(canned.BoardConfig):
+    SENSORS = ({"LED_MAX_MA": 100},) * 2
+
+
+@pytest.mark.parametrize("make", [app.BoardApp, several.SeveralApp])
+def test_the_first_reply_to_hello_has_the_stored_calibration(make):
+    """A program that asks once, as soon as the port is there, must not take null for the answer."""
+    Store().save([("calibration", LINES)])
+    clock, host, replies = canned.Clock(), Host(), []
+
+    def sensor(*_):
+        return AS7341(canned.Bus(clock), clock)
+
+    opened = sensor if make is several.SeveralApp else sensor()
+    board = make(TwoStrips, "canned", "00", opened, clock, host, None)
+    board.replies.send = replies.append
+    host.sent = b"hello\n"
+    board.step()
+    assert replies[0]["calibration"] == checksum(LINES)
 
 
 @pytest.mark.board

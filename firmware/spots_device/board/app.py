@@ -244,15 +244,15 @@ class BoardApp:
     def _pass(self):
         if self.feed is not None:
             self.feed()
+        if self.reconnect.lost:
+            self._time.update()  # must be updated more often than the ticks wrap
+            self._blink()
+            self.reconnect.search()  # before a command: the first `hello` reports the calibration
         byte = self._read()
         if byte >= 0 and self._listen(byte):
             self._answer()
             self._pump()
-        if self.reconnect.lost:
-            self._time.update()  # must be updated more often than the ticks wrap
-            self._blink()
-            self.reconnect.search()
-        else:
+        if not self.reconnect.lost:
             wait_us = self._ticks_diff(self._pacing.due, self.ticks_us())
             if wait_us > self._slice_us:
                 self.sleep_us(self._slice_us)

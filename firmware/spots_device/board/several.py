@@ -295,11 +295,11 @@ class SeveralApp(StripApp):
     def _pass(self):
         if self.feed is not None:
             self.feed()
+        if self._lost:
+            self._search()  # before a command, as in `app.BoardApp`
         byte = self._read()
         if byte >= 0 and self._listen(byte):
             self._answer()
-        if self._lost:
-            self._search()
         idle = self.outputs.pump()  # the outputs of all strips
         self.serve(_SLICE_US if idle else self.report_us)
         self.current.outputs.pump()  # its keys

@@ -50,13 +50,14 @@ COMMANDS = monitor, command
 
 
 def _monitor(options: argparse.Namespace) -> None:
-    from ..link.calibrated import next_step, start_fault
+    from ..link.calibrated import next_step, sensor_fault, start_fault
     from ..terminal.hotkey import hotkey, marker
     from ..terminal.monitor import watch
     from ..terminal.opening import open_announced
 
     with open_announced(options) as board:
-        step = next_step(board.command("hello"))
+        if step := next_step(board.command("hello")):
+            step = sensor_fault(board) or step
         if fault := start_fault(board.info):
             print(f"spots: {printable(fault)}", file=sys.stderr)
         with ExitStack() as stack:
@@ -65,7 +66,7 @@ def _monitor(options: argparse.Namespace) -> None:
                 stack.enter_context(hotkey("m", marker(board)))
             watch(board, options.seconds, quiet=False)
     if step:
-        print(step, file=sys.stderr)
+        print(printable(step), file=sys.stderr)
 
 
 def _command(options: argparse.Namespace) -> None:

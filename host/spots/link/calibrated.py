@@ -20,15 +20,30 @@ from .replies import Hello
 def hello_calibrated(board: Board) -> Hello:
     """Return the reply to ``hello`` of a calibrated board.
 
-    BoardError if the board has no calibration for its present settings.
+    BoardError if the board has no calibration for its present settings, or its sensor does not
+    answer.
     """
     info = board.command("hello")
     if not info.get("length_um"):
+        if fault := sensor_fault(board):
+            raise BoardError(f"the board on {board.port}: {fault}", "no_bus")
         raise BoardError(
             f"the board on {board.port} has no calibration for its settings: run 'spots calibrate'",
             "no_calibration",
         )
     return info
+
+
+def sensor_fault(board: Board) -> str | None:
+    """Return that the sensor of a board does not answer, and why; None if it does.
+
+    Until it answers, the reply to ``hello`` has no calibration, although one may be stored.
+    """
+    try:
+        fault = board.command("get")["fault"]
+    except BoardError:  # a recording
+        return None
+    return fault and f"the sensor does not answer: {fault}"
 
 
 def next_step(info: Hello) -> str | None:
