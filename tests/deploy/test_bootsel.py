@@ -9,7 +9,7 @@ import pytest
 from support import runtimes
 
 from spots.cli import main
-from spots.deploy import boot_drive, bootsel
+from spots.deploy import boot_drive, bootsel, place
 from spots_sim.demo import virtual
 
 ABOUT = "UF2 Bootloader v3.0\nModel: Raspberry Pi RP2\nBoard-ID: {}\n"
@@ -63,6 +63,18 @@ def test_flash_copies_the_image_and_waits_for_hello(mount, runtime, capsys, tmp_
     copied = (folder / "spots.uf2").read_bytes()
     assert main(["image", *words, "--out", str(tmp_path / "x.uf2")]) == 0
     assert copied == (tmp_path / "x.uf2").read_bytes()
+
+
+@pytest.mark.board
+def test_a_drive_that_stays_after_the_copy_has_not_started_the_image(
+    mount, runtime, monkeypatch, capsys
+):
+    monkeypatch.setattr(place, "_RETURN_S", 0.0)
+    monkeypatch.setattr(bootsel, "usb_boards", list)
+    folder = mount()
+    said = refused(capsys, "pico", "--runtime", str(runtime), "--yes")
+    assert f"drive {folder} is still there: unplug the board" in said
+    assert (folder / "spots.uf2").exists()
 
 
 def refused(capsys, *words):

@@ -58,7 +58,16 @@ def install(
     before = {port for ports in usb_boards() for port in ports}
     _copy(data, Path(drive.folder))
     done = "the image is on the board, but "
-    with restarted(lambda: _new_ports(before), done) as there:
+    try:
+        there = restarted(lambda: _new_ports(before), done)
+    except PortError:
+        if drive_at(drive.folder) is None:
+            raise
+        raise PortError(
+            f"the boot loader has not started the image, because its drive {drive.folder} is still "
+            "there: unplug the board, hold BOOTSEL while you plug it in, and run the command again"
+        ) from None
+    with there:
         print("{board}, firmware {firmware}, {runtime}".format(**there.info), printable(there.port))
 
 

@@ -5,6 +5,8 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+from rich.console import Console
+
 from ..errors import PortError, SpotsError
 from ..link.board import Board
 from ..link.connect import open as open_board
@@ -83,18 +85,19 @@ def restarted(
     """
     deadline_s = time.monotonic() + _RETURN_S
     reason = "the board is not on USB"
-    while time.monotonic() < deadline_s:
-        time.sleep(_POLL_S)
-        for port in ports():
-            try:
-                board = open_board(port)
-            except SpotsError as error:
-                reason = str(error)
-                continue
-            reason = why_not(board)
-            if not reason:
-                return board
-            board.close()
+    with Console().status(f"waiting up to {_RETURN_S:g} s for the board to restart"):
+        while time.monotonic() < deadline_s:
+            time.sleep(_POLL_S)
+            for port in ports():
+                try:
+                    board = open_board(port)
+                except SpotsError as error:
+                    reason = str(error)
+                    continue
+                reason = why_not(board)
+                if not reason:
+                    return board
+                board.close()
     raise PortError(
         f"{done}the firmware does not answer after the restart ({reason}): replug the board"
     )
