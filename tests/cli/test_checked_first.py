@@ -51,7 +51,7 @@ def test_a_calibration_that_cannot_be_replaced_is_not_rezeroed(folder, capsys, m
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(atomic.tempfile, "NamedTemporaryFile", refuse)
-    monkeypatch.setattr("spots.calibrate.calibration_file.load", lambda path: None)
+    monkeypatch.setattr("spots.calibrate.session.calibrate.load", lambda path: None)
     assert main(["rezero", "kept.toml", "--port", "/dev/nope"]) == 2
     assert "cannot write kept.toml: Permission denied" in capsys.readouterr().err
 

@@ -91,7 +91,7 @@ def test_ctrl_c_while_the_board_is_announced_ends_cleanly(monkeypatch, capsys):
             raise KeyboardInterrupt
 
     stats = SimpleNamespace(frames=3, lost=0, bad_crc=0)
-    board = SimpleNamespace(stats=stats, stream=lambda *kinds: None)
+    board = SimpleNamespace(stats=stats, stream=lambda *kinds: None, sensors=())
     monkeypatch.setattr(publish, "Publisher", Announced)
     monkeypatch.setattr(publish_module, "open_named", lambda options: nullcontext(board))
     with suppress(KeyboardInterrupt):
