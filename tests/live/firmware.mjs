@@ -5,11 +5,12 @@
 import fs from "node:fs";
 import path from "node:path";
 
-const { page, id, start_us, entries } = JSON.parse(fs.readFileSync(0, "utf8"));
+const { page, id, typed: first, entries } = JSON.parse(fs.readFileSync(0, "utf8"));
 const { simulatedBoard } = await import(path.join(page, "simulated.js"));
 const firmware = JSON.parse(fs.readFileSync(path.join(page, "firmware.json"), "utf8"));
+const EIO = 5;  // after the last entry
 const sent = [];
-let next = 0, timeUs = start_us, typed = [];
+let next = 0, timeUs = 0, typed = [...Buffer.from(first, "hex")];
 
 function answered(kind, ...given) {
   const entry = entries[next++];
@@ -26,8 +27,8 @@ const hardware = {
   now: () => Math.floor(timeUs) % 2 ** 30,
   time: () => (next < entries.length ? 0 : 1),
   sleep: (us) => { answered("sleep", us); },
-  read: (address, register, size) => answered("read", address, register, size) ?? 19,
-  write: (address, data) => { answered("write", address, data); return 0; },
+  read: (address, register, size) => answered("read", address, register.toString(16).padStart(2, "0"), size) ?? EIO,
+  write: (address, data) => answered("write", address, data) ?? 0,
   send: (frame) => { if (next <= entries.length) sent.push(frame); },
   receive: () => typed.shift() ?? -1,
   report: () => {},

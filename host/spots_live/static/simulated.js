@@ -16,22 +16,9 @@ export function draw() {
 
 // `files`: the firmware, by path, as bytes. `glue`: the text of board.py.in. `light`: see light.js. `noise`: see
 // chip/converter.js. `onBytes(bytes)` gets what the board sends; `onReport(name, report)` its USB reports.
-export async function simulatedBoard({ files, glue, config, id, light, noise, onBytes, onReport, onPrint = console.log }) {
-  const clock = { timeUs: 0 }, bus = new I2CBus(new AS7341(light, noise, draw), clock, config.I2C_HZ);
-  const toBoard = [];
-  globalThis.board = {
-    now: () => Math.floor(clock.timeUs) % PERIOD_US,
-    time: () => clock.timeUs,
-    sleep: (us) => { clock.timeUs += us; },
-    read: (address, register, size) => {
-      const data = new Uint8Array(size);
-      return bus.writeRead(address, register, data) || hex(data);
-    },
-    write: (address, data) => bus.write(address, bytes(data)),
-    send: (frame) => onBytes(bytes(frame)),
-    receive: () => toBoard.shift() ?? -1,
-    report: (name, report) => onReport(name, bytes(report)),
-  };
+export async function simulatedBoard({ files, glue, config, id, light, noise, onBytes, onReport, hardware, onPrint = console.log }) {
+  const clock = { timeUs: 0 }, toBoard = [];
+  globalThis.board = hardware ?? simulated({ clock, toBoard, bus: new I2CBus(new AS7341(light, noise, draw), clock, config.I2C_HZ), onBytes, onReport });
   const python = await loadMicroPython({ heapsize: HEAP_BYTES, stdout: onPrint, stderr: onPrint });
   for (const [path, content] of Object.entries(files)) {
     const folders = path.split("/").slice(0, -1);
@@ -44,7 +31,7 @@ export async function simulatedBoard({ files, glue, config, id, light, noise, on
   let startedMs = null;  // of performance.now() at time 0 of the board
 
   return {
-    name: "this tab",
+    run,
     send: (data) => { toBoard.push(...data); },
     // Runs the board for a time without waiting, for example while it starts.
     hurry(us) {
@@ -66,10 +53,27 @@ export async function simulatedBoard({ files, glue, config, id, light, noise, on
   };
 }
 
-export function hex(data) {
+// The hardware that tab_board.py uses; times are in us.
+function simulated({ clock, toBoard, bus, onBytes, onReport }) {
+  return {
+    now: () => Math.floor(clock.timeUs) % PERIOD_US,
+    time: () => clock.timeUs,
+    sleep: (us) => { clock.timeUs += us; },
+    read: (address, register, size) => {
+      const data = new Uint8Array(size);
+      return bus.writeRead(address, register, data) || hex(data);
+    },
+    write: (address, data) => bus.write(address, bytes(data)),
+    send: (frame) => onBytes(bytes(frame)),
+    receive: () => toBoard.shift() ?? -1,
+    report: (name, report) => onReport(name, bytes(report)),
+  };
+}
+
+function hex(data) {
   return Array.from(data, (byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
-export function bytes(text) {
+function bytes(text) {
   return Uint8Array.from({ length: text.length / 2 }, (_, i) => parseInt(text.slice(2 * i, 2 * i + 2), 16));
 }
