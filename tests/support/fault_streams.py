@@ -10,7 +10,7 @@ import numpy as np
 from support.frames import encoded
 
 
-def frames(count: int, seed: int = 0, texts: bool = True) -> list[bytes]:
+def frames(count: int, seed: int = 0, texts: bool = True, first: int = 0) -> list[bytes]:
     """Return encoded frames of four kinds as a board sends them, mostly TOUCH.
 
     Parameters
@@ -21,11 +21,13 @@ def frames(count: int, seed: int = 0, texts: bool = True) -> list[bytes]:
         Random seed of kinds and contents.
     texts : bool
         Whether to include SPECTRUM, KEY and TEXT frames; otherwise all frames are TOUCH.
+    first : int
+        Number of the first frame; a frame contains it modulo 2**16.
     """
     rng = np.random.default_rng(seed)
     made = []
-    for i in range(count):
-        header = (i, 10_000 * i + int(rng.integers(0, 100)))
+    for i in range(first, first + count):
+        header = (i & 0xFFFF, 10_000 * i + int(rng.integers(0, 100)))
         kind = rng.random()
         if kind < 0.7 or not texts:
             body = (int(rng.normal(0, 2e6)), int(rng.normal(8e6, 1e6)))

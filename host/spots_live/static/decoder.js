@@ -39,6 +39,9 @@ const BODIES = {
   })],
 };
 const TEXT = 3, NOTE = 15; // a note is in recordings only
+const READINGS = [1, 2, 5], NUMBERS = 2 ** 16, RECENT = 64, RECENT_LEAST = 8;
+const BACK_US = 60_000_000; // a frame may be older than the frame before it, by less than this
+const modulo = (us) => (us + 2 ** 32) % 2 ** 32; // the time of a board starts at 0 again
 const EMPTY = new TextEncoder().encode("{}");
 
 export class Decoder {
@@ -46,6 +49,8 @@ export class Decoder {
   #partial = []; // bytes after the last zero byte
   #overlong = false;
   #expected = null; // number of the next frame
+  #recent = []; // time and number of the latest readings, which no reply separates
+  #lostAtReading = 0;
 
   // Takes bytes, in any amount, and returns the frames that are now complete.
   feed(bytes) {
@@ -76,7 +81,7 @@ export class Decoder {
     }
     const kind = raw[0] & 15, sequence = view.getUint16(1, true), t_us = view.getUint32(3, true), body = raw.subarray(HEADER, size);
     if (kind === NOTE) return this.#object({ kind: "note", since_us: sequence * 2 ** 32 + t_us }, body.length ? body : EMPTY);
-    this.#count(sequence);
+    this.#count(kind, sequence, t_us);
     const head = { sensor: raw[0] >> 4, sequence, t_us }, [bodySize, read] = BODIES[kind] ?? [];
     if (kind === TEXT) return this.#object({ ...head, kind: "text" }, body);
     if (!read) return null; // a kind of a later version
@@ -94,10 +99,30 @@ export class Decoder {
     return null;
   }
 
-  #count(sequence) {
+  // Drops the losses since the last reading: a restarted board sends no readings, and counts from 0 again.
+  restarted() {
+    this.stats.lost = Math.min(this.stats.lost, this.#lostAtReading);
+    this.#recent = [];
+  }
+
+  #count(kind, sequence, t_us) {
     const gap = this.#expected === null ? 0 : (sequence - this.#expected) & 0xffff;
-    if (gap < 0x8000) this.stats.lost += gap; // otherwise the board has restarted, or a frame was repeated
+    // The number gives the loss modulo 2 ** 16, the time the rest. A repeated frame, or a restart, gives less than 0.
+    const usual = gap && kind !== TEXT ? this.#usual(t_us) : 0;
+    this.stats.lost += Math.max(0, gap + NUMBERS * Math.ceil((usual - gap) / NUMBERS - 0.5));
     this.#expected = (sequence + 1) & 0xffff;
     this.stats.frames++;
+    if (kind === TEXT) this.#recent = []; // the streams may have changed
+    if (!READINGS.includes(kind)) return;
+    this.#lostAtReading = this.stats.lost;
+    this.#recent.push([t_us, this.stats.frames + this.stats.lost]);
+    if (this.#recent.length > RECENT) this.#recent.shift();
+  }
+
+  // Returns how many frames the board usually sends from the last reading until a time.
+  #usual(t_us) {
+    if (this.#recent.length < RECENT_LEAST) return 0;
+    const [firstUs, first] = this.#recent[0], [lastUs, last] = this.#recent.at(-1);
+    return (modulo(t_us - lastUs + BACK_US) - BACK_US) * (last - first) / Math.max(1, modulo(lastUs - firstUs));
   }
 }

@@ -6,6 +6,7 @@ import { Feed } from "./feed.js";
 const STREAMS = "stream contact touch spectrum";
 const STALLED_MS = 500, ASK_MS = 1000;  // without a frame: until the board counts as silent; between two queries
 const WRAP_US = 2 ** 32, DARK_SAMPLES = 64;
+const BACK_US = 1_000_000;  // the clock of a restarted board goes back by more
 const NEXT_STALLED = "the board sends no readings; next: wait a moment, or press the board's reset button";
 
 // Unwraps the board time of frames, which has 32 bits.
@@ -26,6 +27,7 @@ export class Session {
   info = null;
   tap = null;  // gets all bytes, while they are recorded
   #clock = new Unwrapped();
+  #us = 0;  // time of the last frame
   #heardMs = 0;
   #askedMs = 0;
   #state = "";
@@ -67,8 +69,10 @@ export class Session {
   show(frame, nowMs) {
     this.#heardMs = nowMs;
     if (this.#state === "stalled" && frame.kind === "touch") this.say("connected");
-    if (frame.kind === "text") this.commands.take(frame.content);
-    else this.feed.take(frame, 1e-6 * this.#clock.us(frame.t_us), nowMs);
+    const beforeUs = this.#us, us = this.#us = this.#clock.us(frame.t_us);
+    if (frame.kind !== "text") return this.feed.take(frame, 1e-6 * us, nowMs);
+    if (us < beforeUs - BACK_US) this.decoder.restarted();
+    this.commands.take(frame.content);
   }
 
   // Call this regularly: shows the health of the link; starts the streams of a silent board again.
