@@ -8,6 +8,7 @@ import time
 import numpy as np
 
 from spots_sim.strip.scenario import Press
+from support.serving import until
 
 G_PER_N = 101.97  # grams that a scale shows for a force of 1 N
 WIDTH_MM = 4.0
@@ -72,6 +73,7 @@ class Person:
 
     def start(self, kind):
         """Press the button of a kind of session, and wait until the session runs."""
+        until(self.page, "drawn.length > 0")  # a request without a board would be refused
         self.page.locator(f"#calibration .kind[value={kind}]").click()
         self.wait(lambda seen: not seen["starts"])
 
