@@ -8,6 +8,7 @@ import functools
 import gc
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -149,9 +150,13 @@ def once(shared_folder):
         path = shared_folder / name
         with open(shared_folder / f"{name}.lock", "a") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
+            part = shared_folder / f"{name}.part"
+            if part.is_dir():  # of a caller that failed
+                shutil.rmtree(part)
+            part.unlink(missing_ok=True)
             if not path.exists():
-                make(shared_folder / f"{name}.part")
-                os.replace(shared_folder / f"{name}.part", path)
+                make(part)
+                os.replace(part, path)
         return path
 
     return once

