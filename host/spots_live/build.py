@@ -24,7 +24,7 @@ from spots.keyboard.layout import load as load_layout
 from spots_device import PROTOCOL, __version__
 from spots_device.runtime.common import ADDRESS
 
-from .strips import BOARD_ID, STRIPS, strip
+from .strips import BOARD_ID, STRIPS, light, light_of, strip
 from .words import layout, words
 
 _MICROPYTHON = "micropython.mjs", "micropython.wasm"
@@ -56,6 +56,9 @@ def build(folder: Path, micropython: Path, strips: Collection[str] = tuple(STRIP
     (folder / "strips").mkdir()
     for name in strips:
         _write(folder / "strips" / f"{name}.json", strip(name))
+    (folder / "lights").mkdir()
+    for name in set(map(light_of, strips)):
+        _write(folder / "lights" / f"{name}.json", light(name))
 
 
 def _firmware() -> dict:

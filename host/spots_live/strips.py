@@ -30,15 +30,15 @@ _WIDTH_MM = 4.0  # contact of a finger, as in `files.Finger`
 
 
 def strip(name: str) -> dict:
-    """Return all that the page needs of a strip of `STRIPS`, for JSON."""
+    """Return all that the page needs of a strip of `STRIPS` but its light, for JSON."""
     title, rezeroed = STRIPS[name]
-    sensor = load(SensorFile, name.partition("-")[0])
+    sensor = load(SensorFile, light_of(name))
     lines = board_lines(recalibrated(sensor) if rezeroed else calibrate(sensor), BOARD_ID)
     made = Calibration(lines).conditions
     position_um, logs = expected(lines)
     return {
         "title": title,
-        "light": _light(sensor),
+        "light": light_of(name),
         "settings": (
             f"set gain={made.gain} exposure_us={made.exposure_us} led_mA={made.led_mA} "
             f"channels={','.join(made.plan)}"
@@ -52,8 +52,14 @@ def strip(name: str) -> dict:
     }
 
 
-def _light(sensor: SensorFile) -> dict:
+def light_of(name: str) -> str:
+    """Return the name of the light of a strip, for `light`: a re-zero does not change it."""
+    return name.partition("-")[0]
+
+
+def light(name: str) -> dict:
     """Return what `light.js` needs to compute the light of presses, see `world.World`."""
+    sensor = load(SensorFile, name)
     contact, led, around, noise = (
         sensor.contact,
         sensor.led,

@@ -14,6 +14,11 @@ const EVENTS_KEPT = 512, SHOW_MS = 250;
 const json = (path) => fetch(path).then((answer) => answer.json());
 const decoded = (text) => Uint8Array.from(atob(text), (one) => one.charCodeAt(0));
 
+async function loaded(name) {
+  const strip = await json(`strips/${name}.json`);
+  return { ...strip, light: await (lights[strip.light] ??= json(`lights/${strip.light}.json`)) };
+}
+
 // Parts and events that the page has not got yet. One message is under way at a time.
 let news = {}, events = [], missed = 0, sent = 0, drawn = 0;
 const page = {
@@ -31,7 +36,8 @@ function show() {
 
 const [firmware, layouts, words] = await Promise.all(["firmware.json", "layouts.json", "words.json"].map(json));
 // All strips, so that the page needs no network when it has been loaded.
-const strips = Object.fromEntries(Object.keys(words.strips).map((name) => [name, json(`strips/${name}.json`)]));
+const lights = {};
+const strips = Object.fromEntries(Object.keys(words.strips).map((name) => [name, loaded(name)]));
 const boardFile = fetch("board.py").then((answer) => answer.text());
 // `session` is what the page shows; `tab` the board of this tab, which stops while another board is shown.
 let session = null, tab = null, light = null, usb = null, player = null, recorder = null, hurrying = false;
