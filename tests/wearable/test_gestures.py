@@ -8,6 +8,8 @@ import pytest
 from spots import cli
 from spots.keyboard.layout import load as load_layout
 from spots.link.frames import Touch
+from spots.outputs import devices
+from spots.outputs.devices import Keyboard
 from spots.wearable import gestures as g
 from spots.wearable.gestures import Gestures
 from spots.wearable.wearable import Mapping, play
@@ -207,6 +209,20 @@ def test_a_dry_run_says_at_once_which_gestures_it_waits_for(capsys):
     assert cli.main(["wearable", "--dry-run", "--port", f"recording:{RUN}"]) == 0
     first = capsys.readouterr().out.splitlines()[0]
     assert first.startswith("waiting for one of these gestures: tap, double_tap, hold")
+
+
+def test_the_key_of_a_gesture_stays_down_for_20_ms(monkeypatch):
+    """Fails if a game or a remote desktop can miss the key, because it is down for no time."""
+    happened = []
+
+    class Seen(Keyboard):
+        def _set(self, one, pressed):
+            happened.append(pressed)
+
+    monkeypatch.setattr(devices.time, "sleep", happened.append)
+    with Seen() as keyboard:
+        Mapping().do(g.Gesture(g.TAP, 1.0, 0, 0, 0, 0.0), keyboard)
+    assert happened == [True, 0.02, False]
 
 
 # Two fingers, on a virtual board.

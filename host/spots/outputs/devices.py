@@ -11,6 +11,7 @@ A process that is killed by SIGKILL runs no code. On Linux the kernel then remov
 device and releases its keys.
 """
 
+import time
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
@@ -144,13 +145,16 @@ class Keyboard(Output):
                 self._down.remove(one)
             self._flush()
 
-    def click(self, page: int, usage: int, modifiers: int) -> None:
+    def click(self, page: int, usage: int, modifiers: int, down_s: float = 0.0) -> None:
         """Press and release a key with its modifiers.
 
         Parameters
         ----------
         page, usage, modifiers : int
             HID usage page, usage, and bits of the modifier keys, see `usages.chord_of`.
+        down_s : float, optional
+            Time in s between press and release, during which this function waits. Games and remote
+            desktops can miss a shorter press than some 20 ms.
 
         Raises
         ------
@@ -164,6 +168,7 @@ class Keyboard(Output):
         try:
             for key in keys:
                 self.usage(*key)
+            time.sleep(down_s)
         finally:
             for key in reversed(keys):
                 self.usage(*key, pressed=False)
