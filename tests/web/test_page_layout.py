@@ -378,6 +378,10 @@ def test_characters_and_texts_of_the_computer_are_found_and_marked(desk, open_pa
     # Names, their aliases and characters.
     tap.fill("vol_up")
     expect(options.first).to_contain_text("VOLUME_INCREMENT")
+    # The Enter that ends a word of an input method chooses nothing.
+    tap.dispatch_event("keydown", {"key": "Enter", "isComposing": True})
+    expect(tap).to_have_value("vol_up")
+    expect(options.first).to_be_visible()
     tap.fill("cmd+bspc")
     expect(options.first).to_contain_text("LEFT_GUI+BACKSPACE")
     tap.fill("ä")
