@@ -1,7 +1,10 @@
 """What a session leaves on a terminal: no torn picture, after any number of questions."""
 
 import io
+import os
+import pty
 import re
+import termios
 
 import pytest
 from rich.console import Console
@@ -55,3 +58,26 @@ def test_each_picture_is_erased_before_a_question(columns, rows):
     shown = screen(file.getvalue())
     assert sum("╭" in line for line in shown) == sum("╰" in line for line in shown) == 1
     assert sum("what does the ruler show? 1mm" in line for line in shown) == 10
+
+
+def test_the_terminal_shows_only_what_answers_a_question(monkeypatch):
+    """Fails if an Enter without a question tears the picture, or an answer is typed blindly."""
+    ours, theirs = pty.openpty()
+    seen = []
+
+    def look():
+        seen.append(bool(termios.tcgetattr(theirs)[3] & termios.ECHO))
+
+    class Typing:
+        def readline(self):
+            look()
+            return "1mm\n"
+
+    with os.fdopen(theirs) as stdin, os.fdopen(ours):
+        monkeypatch.setattr("sys.stdin", stdin)
+        with Guide(Console(file=io.StringIO(), force_terminal=True), Typing()) as guide:
+            look()
+            guide.ask("what does the ruler show? ")
+            look()
+        look()
+    assert seen == [False, True, False, True]

@@ -16,6 +16,7 @@ from rich.text import Text
 
 from spots_device.reading import decode
 
+from ..common import typed_ahead
 from ..common.signals import around_stops
 from ..errors import printable
 from ..link.frames import Frame, LinkStats, Spectrum, Touch
@@ -225,13 +226,14 @@ def cursor_shown(console: Console) -> AbstractContextManager[None]:
 
 
 class Display(Live):
-    """A display that Ctrl-Z leaves with a visible cursor."""
+    """A display that Ctrl-Z leaves with a visible cursor, and that no typed key scrolls."""
 
     def start(self, refresh: bool = False) -> None:
         """Hide the cursor, and begin to draw."""
         if not self.is_started:
             self._stops = ExitStack()
             self._stops.enter_context(cursor_shown(self.console))
+            self._stops.enter_context(typed_ahead.unechoed())
         super().start(refresh)
 
     def stop(self) -> None:
