@@ -69,7 +69,8 @@ class Guide:
         """Begin a series of presses with a title, for the channels of a plan."""
         self._title, self._plan, self._length_um = title, plan, length_um
         self._done, self._total = 0, total
-        self.say(f"{title}: {total} presses, channels {' '.join(plan)}")
+        presses = "1 press" if total == 1 else f"{total} presses"
+        self.say(f"{title}: {presses}, channels {' '.join(plan)}")
 
     def skip(self, count: int = 1) -> None:
         """Add `count` to the displayed number of presses taken; a negative number subtracts."""
