@@ -53,7 +53,7 @@ def measure(stream: bytes) -> dict:
 def line(touch: Touch) -> bytes:
     """Return a reading as a line of JSON."""
     fields = touch._asdict()
-    del fields["time_s"]  # added by the host, not sent by the board
+    del fields["time_s"], fields["sigma_um"]  # added by the host, not sent by the board
     return json.dumps(fields, separators=(",", ":")).encode() + b"\n"
 
 

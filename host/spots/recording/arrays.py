@@ -144,12 +144,14 @@ class _BlockDecoder(Decoder):
             numbers = sequence[counted]
             expected = numbers[0] if self._expected is None else self._expected
             gaps = np.diff(numbers, prepend=expected - 1) - 1 & 0xFFFF
-            # Frames after the last gap only; those before it are counted one at a time.
-            last = int(np.flatnonzero(gaps)[-1]) + 1 if gaps.any() else 0
-            before = counted[:last]
-            for one in zip(kinds[before].tolist(), numbers[:last].tolist(), t_us[before].tolist()):
-                self._count(*one)
-            self._count_all(kinds[counted[last:]], numbers[last:], t_us[counted[last:]])
+            begun = 0
+            for gap in [*np.flatnonzero(gaps).tolist(), len(counted)]:
+                between = counted[begun:gap]
+                self._count_all(kinds[between], numbers[begun:gap], t_us[between])
+                if gap < len(counted):
+                    at = int(counted[gap])
+                    self._count(int(kinds[at]), int(numbers[gap]), int(t_us[at]))
+                begun = gap + 1
         tables: _Groups = {}
         for kind, (where, columns) in groups.items():
             first, end = np.searchsorted(where, (begin, begin + len(kinds)))
