@@ -312,7 +312,8 @@ def test_errors_of_a_strip_are_measured_by_force(sensor):
         light, firm = errors(rig, (0.6, 3.0), readings=12, places=(0.2, 0.5, 0.8))
         assert 0.8 < firm.scatter_to_bound < 1.3
         assert firm.error_mm < 0.1 < light.error_mm
-        assert firm.untrusted_percent == firm.missing_percent == 0
+        assert firm.missing_percent == 0
+        assert firm.untrusted_percent < 3  # at most one reading is in doubt as a touch begins
         rig.stage.held.changed = Change(phosphor_nm=1.0)
         (moved,) = errors(rig, (3.0,), readings=4, places=(0.2, 0.5, 0.8))
         assert 1 < moved.bias_mm < moved.worst_bias_mm < 5

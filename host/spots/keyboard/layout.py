@@ -70,7 +70,7 @@ def compiled(path: Path, text: str) -> KeyLayout:
         kinds.check(path, text, "a layout file")
         line = line_of_key(text, getattr(error, "keys", [])[::-1])
         if isinstance(content.get("layer"), dict):
-            line = line_of(text, r"^\s*\[layer\]")
+            line = line_of(text, r"^[ \t]*\[layer\]")
         place = line[2:] or getattr(error, "place", "")
         raise FileError(f"layout {path}{line}: {_placed(error, content)}", path, place) from None
     return Compiler(path, text, file).layout()
