@@ -147,7 +147,7 @@ BARE = {
     "rezero": (2, ["--port", "virtual"], "there is no file calibration.toml"),
     "serve": (2, ["--port", "virtual"], "[web]"),
     "subscribe": (2, [], "[zenoh]"),
-    "twin": (0, BOARD, "calibrating"),
+    "twin": (0, [*BOARD, "--sensor", "default"], "calibrating"),
     "wearable": (0, [*BOARD, "--dry-run"], ""),
 }
 # Commands that test_readme.py does not run with the packages of `make demo`.

@@ -68,7 +68,8 @@ def _add_options_of_ports(
     parser: Parser, without: Collection[str], function: str, effects: Effects
 ) -> None:
     for scheme, module in modules(without):
-        add = getattr(module, function, None) or getattr(module, "add_options", None)
+        names = vars(module)  # not getattr, with which a module may load an optional package
+        add = names.get(function) or names.get("add_options")
         if add is not None:
             fits = partial(has_port, scheme=scheme)
             effect = effects.get(scheme, (fits, f"add --port {form(scheme)}"))
