@@ -23,11 +23,11 @@ def node():
 
 
 @pytest.fixture(scope="session")
-def live(tmp_path_factory):
-    """Return the folder of the page, with one strip."""
-    folder = tmp_path_factory.mktemp("live") / "page"
-    build(folder, MICROPYTHON, ["default"])
-    return folder
+def live(once, calibration):
+    """Return the folder of the page, with one strip; all processes of the tests share it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SPOTS_VIRTUAL_RUNTIME", "cpython")  # that of the fixture `calibration`
+        return once("live", lambda root: build(root / "page", MICROPYTHON, ["default"])) / "page"
 
 
 @pytest.fixture

@@ -28,4 +28,7 @@
     requestPort: async () => { await fetch(at("/permit")); return port; },
   });
   Object.defineProperty(navigator, "serial", { value: serial });
+  // The keyboard layout of the visitor: its row of digits types other characters.
+  const map = new Map([..."1234567890"].map((one) => [`Digit${one}`, `é${one}`]));
+  Object.defineProperty(navigator, "keyboard", { value: { getLayoutMap: async () => map } });
 }

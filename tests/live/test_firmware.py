@@ -15,7 +15,6 @@ from spots.link.decoder import Decoder
 from spots.link.frames import Text
 from spots_device.reading.frame import TOUCH
 from spots_sim.board.lockstep import LockstepLink
-from spots_sim.person.stage import calibrate
 from spots_sim.strip.files import ScenarioFile, SensorFile, load
 from spots_sim.strip.scenario import Scenario
 
@@ -104,15 +103,16 @@ def hello(frame):
     return None
 
 
-def test_the_board_of_the_tab_sends_the_bytes_of_the_unix_port(node, live, monkeypatch):
+def test_the_board_of_the_tab_sends_the_bytes_of_the_unix_port(
+    node, live, calibration, monkeypatch
+):
     # Fails if the arithmetic, the frames or the order of requests differ on 32-bit WebAssembly.
     monkeypatch.delenv("SPOTS_VIRTUAL_RUNTIME", raising=False)
     sensor = load(SensorFile, "default")
-    lines = calibrate(sensor)
     link = Link(sensor, Scenario(load(ScenarioFile, "demo")))
     with Board(link) as board:
         identity = board.info["id"]
-        prepare(board, lines)
+        prepare(board, calibration)
         board.command("stream touch spectrum contact")
         for _ in board.frames(SECONDS):
             pass

@@ -1,5 +1,6 @@
 // The page: fingers press the drawn strip, controls change the strip's world, and a board on USB or a recording
 // can take the place of the board of this tab.
+import { caps } from "./caps.js";
 import { ask, onPart, ready } from "./link.js";
 import { press } from "./press.js";
 import { typing } from "./typing.js";
@@ -81,7 +82,7 @@ async function connect() {
     return;  // the user has chosen no port
   }
   use("usb");
-  await tell($("connect"), "usb");
+  await tell($("connect"), "usb", await caps());
 }
 $("connect").addEventListener("click", connect);
 

@@ -102,12 +102,13 @@ function stick(report) {
 
 // A board on USB, and recordings.
 
-async function connect() {
+// `names` are those of the keys on this computer, see caps.js.
+async function connect(names) {
   await leave();
   usb = new UsbBoard({
     protocol: words.protocol,
     say: (state, message, next) => page.put("board", { ...session?.known, state, message, next }),
-    begin: (send) => session = new Session({ send, name: "USB", page, words, layouts }),
+    begin: (send) => session = new Session({ send, name: "USB", page, words: { ...words, names: { ...words.names, ...names } }, layouts }),
   });
   usb.run();
 }
