@@ -22,6 +22,11 @@ LAYER = 'name = "x"\n[[layer]]\nname = "a"\nkeys = '
 SLIPS = [
     ("layout", LAYER + '[{ tap = "A", hodl = "B" }]', "did you mean hold?"),
     ("layout", LAYER + '["A"]\n[tuning]\nflavor = "tap-prefered"', "did you mean tap-preferred?"),
+    (
+        "layout",
+        "[layer]\nname = 'a'\n[layer]\nname = 'b'",
+        r"write \[\[layer\]\] with two brackets",
+    ),
     ("board", "titel = 'x'", "did you mean title?"),
     ("board", "title = 'x'\nruntime = 'micropithon'\n[device]", "did you mean micropython?"),
     ("calibration", "bord = 'x'", "did you mean board?"),

@@ -30,6 +30,7 @@ _TOO_DEEP = "tables or lists are nested too deep: write fewer levels"
 _KEY_PARTS_MAX = 32
 # Separators of keys, in a file without its strings and comments.
 _BETWEEN_KEYS = re.compile(r"[=,\[\]{}\n]")
+_TWICE = re.compile(r"Cannot declare \('(\w+)',\) twice")
 # A float has at most 308 digits before its point.
 _TOO_LONG = re.compile(r"(?<![\w.])(?:\d_?){309}")
 # The key before the end of a text.
@@ -92,8 +93,11 @@ def loads(text: str) -> dict:
         raise _wrong_number(plain, found, str(error)) from None
     except tomllib.TOMLDecodeError as error:
         line = getattr(error, "lineno", None)  # from Python 3.14 on
+        remedy = "correct this place, or restore the rest of the file"
+        if table := _TWICE.search(str(error)):
+            remedy = f"remove one, or write [[{table[1]}]] with two brackets if there are several"
         raise WrongTomlError(
-            f"wrong TOML syntax: {error}; correct this place, or restore the rest of the file",
+            f"wrong TOML syntax: {error}; {remedy}",
             f"line {line}" if line else "",
         ) from None
     return content
