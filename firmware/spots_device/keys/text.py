@@ -92,7 +92,7 @@ class Text:
             self._up()
             self._wait_t = bits * 1250 >> 7  # in units of 10 ms
             return True
-        if usage in (PRESS, RELEASE):
+        if PRESS <= usage <= RELEASE:  # a tuple of imported names would be allocated
             return self._keep(bits, usage == PRESS)
         if usage >= MEDIA_FROM:
             action = CONSUMER << 20 | self._bits << 12 | (usage - MEDIA_FROM) << 8 | bits
