@@ -49,7 +49,8 @@ EACH_SAMPLE = {
     "reading/kernel": "process _add _stamp estimate _take_logs _locate _beyond _judge "
     "_off _follow_touch _follow_light _odd_light",
     "reading/log2": "log2_q20",
-    "reading/lone": "begin move is_doubtful _weigh _add_noise learn confirm _jump _follow",
+    "reading/lone": "begin move is_doubtful _is_lone _weigh _add_noise learn confirm _agrees "
+    "_jump _follow",
     "reading/sticking": "unstick _fade _set_floor _forget _peak _measure _net _correct",
     "sensor/burst": "unpack",
     "sensor/pacing": "early found held skip",

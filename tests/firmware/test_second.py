@@ -31,6 +31,7 @@ def feel(sensor, calibration):
     reading has no noise and very little rounding.
     """
     calibration = Calibration(calibration)
+    assert calibration.decay == DECAY
     optics, made = Optics(sensor), calibration.conditions
     columns = [optics.names.index(diode) for diode in made.plan]
     scale = optics.source_uW_cm2(made.led_mA) * made.exposure_us / 1000 * 2.0 ** (made.gain - 1)

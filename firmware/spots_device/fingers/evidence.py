@@ -36,7 +36,9 @@ def beside(s):
 def guess(s):
     """Estimate a second finger beside the first one; return whether two estimates agree."""
     if not s[c.IS_EVEN]:
-        agrees = s[c.RISES] and s[c.PAIR] and _guess_both(s)
+        agrees = s[c.RISES] == 1 and s[c.PAIR] and _guess_both(s)
+        if s[c.RISES] and s[c.PAIR]:  # the force may still have risen in the reading before
+            s[c.RISES] = 1
     elif not estimate(s, s[c.X_UM], s[c.B], s[c.FITS]):
         s[c.GUESSED] = False
         if not may_be_still(s):
@@ -179,6 +181,12 @@ def remains(s):
     """Return whether only one finger remains: 0, `SINGLE`, `ENDS`, or the sum of both."""
     # At most 11 words in the call frame, see strip.py. With two fingers, this change of light would
     # move the position.
+    if not s[c.KNOWN]:
+        if s[c.B_NOW] < s[c.PEAK] - c.LOST and abs(s[c.X_NOW_UM] - s[c.X_PEAK_UM]) < slack_um(
+            s, s[c.PEAK]
+        ):
+            return c.SINGLE
+        return 0
     change = abs(s[c.B_NOW] - s[c.B_LAST])
     how = 0
     if change > c.CHANGED and abs(s[c.X_NOW_UM] - s[c.X_LAST_UM]) < max(

@@ -47,7 +47,7 @@ def watch(s, b):
         s[c.T] = s[c.T_NOW]
         return c.PASSED
     what = 0
-    if s[c.FITS] and s[c.KNOWN] and s[c.PAIR] and not s[c.SECOND]:
+    if s[c.FITS] and s[c.PAIR] and not s[c.SECOND]:
         what = remains(s)
     if b < s[c.PEAK] - c.EVEN and not (
         s[c.SECOND] and not s[c.FALLS] and b > s[c.B_LAST] - c.EVEN and slides(s)

@@ -379,7 +379,7 @@ class ContactTracker:
         if not before:
             drift = c.EVEN
         s[c.IS_EVEN] = risen > -c.EVEN and (risen < c.EVEN or drift < c.EVEN)
-        s[c.RISES] = risen >= c.EVEN and drift >= c.EVEN
+        s[c.RISES] = risen >= c.EVEN and drift >= c.EVEN and (1 if before else 2)
         s[c.FALLS] = risen <= -c.EVEN
         s[c.FELL] = s[c.T_NOW]
         if s[c.LEAST] > s[c.B]:
@@ -477,9 +477,10 @@ class ContactTracker:
         t = s[c.T_NOW]
         if not s[c.KNOWN]:
             # If light was lost and the position moved, one of two fingers has left. Or there was
-            # only one finger, and ambient light that is now off.
+            # only one finger, perhaps with ambient light that is now off.
             if (
-                s[c.B_NOW] < s[c.PEAK] - c.LOST
+                how & c.SINGLE
+                or s[c.B_NOW] < s[c.PEAK] - c.LOST
                 and abs(x_um - s[c.X_PEAK_UM]) > _MOVED_UM
                 and abs(s[c.B_NOW] - s[c.B_SINCE]) < c.CHANGED
             ) or (s[c.ODD] and elapsed(s[c.SINCE], t) >= _TOGETHER_T):

@@ -28,6 +28,7 @@ _RATIO_MAX = const(1023)
 # Least variance of the misfit, Q12 squared: an LED that cools by 1 or 2 K in a dark frame.
 _LEAST = const(3)
 _LARGE = const(4095)  # Q12
+_FALLEN = const(337_000)  # 0.8, as difference of brightness in Q20 of log2
 # Touches after a jump of the drift in which every reading within the tolerance fits, because one
 # touch does not show how the drift changes along the strip.
 _FRESH = const(6)
@@ -58,13 +59,28 @@ def is_doubtful(state, tables):
     excess = min(max(state[d.OFF_Q12], -_EXCESS_MAX), _EXCESS_MAX) * weight
     state[d.EXCESS] = excess = excess + (state[d.EXCESS] >> 1)
     state[d.WEIGHT] = weight = weight + (state[d.WEIGHT] >> 1)
-    if excess > 0 and (excess // weight) * (excess // weight) * weight > _LIMIT:
+    if (
+        excess > 0
+        and (excess // weight) * (excess // weight) * weight > _LIMIT
+        and not _is_lone(state)
+    ):
         return True
     state[d.DOUBT] = 2 if state[d.DOUBT] == 1 else 0  # the first reading may be too faint
     return False
 
 
 # At most 11 words in each call frame, see strip.py.
+
+
+def _is_lone(state):
+    # The light has fallen where it was: of two fingers, one lifts before the other. `PEAK` is that
+    # of the last touch in the first reading.
+    return (
+        state[d.LONE]
+        and state[d.BEGUN_US] > state[d.TAKEN] * state[d.EXPOSURE_US]
+        and state[d.OFF_Q12] <= state[d.TOLERANCE_Q12]
+        and state[d.BRIGHTNESS] < state[d.PEAK] - _FALLEN
+    )
 
 
 def _weigh(state, tables):
@@ -109,7 +125,7 @@ def learn(state):
             return
         state[d.SEEN] = d.NONE  # two fingers: what is seen next is no confirmation
         return
-    agrees = abs(off - state[d.SEEN]) <= tolerance
+    agrees = _agrees(state, off, tolerance)
     state[d.SEEN] = off
     if abs(off) <= tolerance:
         # A few of a hundred touches of two fingers look like this, too.
@@ -122,10 +138,16 @@ def confirm(state):
     """Return `OFF_Q12`; before, learn a drift that the last touch has shown, too."""
     off = state[d.OFF_Q12]
     tolerance = state[d.TOLERANCE_Q12]
-    if state[d.LONE] and abs(off) > tolerance and abs(off - state[d.SEEN]) <= tolerance:
+    if state[d.LONE] and abs(off) > tolerance and _agrees(state, off, tolerance):
         _jump(state, off)
         state[d.OFF_Q12] = off = off - state[d.JUMPED]
     return off
+
+
+def _agrees(state, off, tolerance):
+    # The last touch showed `off`, too, and not the known drift.
+    away = abs(off - state[d.SEEN])
+    return away <= tolerance and away <= abs(off) >> 1
 
 
 def _jump(state, off):

@@ -240,7 +240,7 @@ class Gestures:
                 self._decide(HOLD, above(lasted_s, _HOLD_S), path.stillness)
             elif lasted_s <= _TAP_S:
                 self._tapped(self._gesture(TAP, below(lasted_s, _TAP_S), path.stillness))
-        elif far_um > _STILL_UM:
+        elif far_um > _STILL_UM and not (self._two and self._two.pair):  # one finger has moved
             away = path.moved_um > 0
             rested_s = path.left_s - path.began_s
             went_s = max(path.arrived_s() - path.left_s, 1e-3)

@@ -33,14 +33,14 @@ class TwoFingers:
 
     Decay and cross-sensitivity are those of `link.contact_finder.ContactFinder`. `both` is whether
     two fingers have touched together for at least 0.15 s (longer than fingers overlap in typing),
-    and at least one of them still touches.
+    and at least one of them still touches. `pair` is None unless two fingers touch.
     """
 
     def __init__(
         self, length_um: int, decay: int | None = None, cross: Sequence[int] | None = None
     ):
         self._finder = ContactFinder(length_um, decay, cross)
-        self._pair: _Pair | None = None
+        self.pair: _Pair | None = None
         self.both = False
 
     def take(self, touch: Touch) -> tuple[str, float, int, int] | None:
@@ -51,21 +51,21 @@ class TwoFingers:
         """
         contacts = self._finder.take(touch)
         there = [one for one in contacts if not one.ended]
-        pair = self._pair
+        pair = self.pair
         self.both = bool(there) and (self.both or (pair is not None and pair.settled))
         if pair is None or not pair.ids & {one.id for one in there}:
-            self._pair = pair = _Pair(*there, touch.time_s or 0.0) if len(there) == 2 else None
+            self.pair = pair = _Pair(*there, touch.time_s or 0.0) if len(there) == 2 else None
         if pair is None or touch.flags & (LED_OFF | SATURATED):
             return None
         if len(there) == 2:
             return pair.extend(touch, *there)
-        self._pair = None if there[0].state == CONFIRMED else pair
+        self.pair = None if there[0].state == CONFIRMED else pair
         return pair.slide(there[0]) if there[0].state == CONFIRMED else None
 
     def release(self) -> None:
         """Forget the fingers."""
         self._finder.release()
-        self._pair, self.both = None, False
+        self.pair, self.both = None, False
 
 
 class _Pair:
