@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from support.keys import DECAY
 from support.smallint import SmallInt
 
 from spots.calibrate.fit.decoded import Decoded
@@ -15,6 +14,8 @@ from spots_device.fingers.second import may_be_still, weigh
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.decode import DARK_SUBTRACTED, MISFIT
 from spots_sim.strip.optics import Optics
+
+DECAY = 286  # attribute `Calibration.decay` of the default strip
 
 
 @pytest.fixture(autouse=True)

@@ -131,7 +131,8 @@ def test_short_presses_that_do_not_fit_are_reported_until_one_is_trusted(sensor,
                 for touch in stage.board.touches(0.2):
                     untrusted.take(touch, stage.board.now_s())
                 stage.release()
-                said.append("re-zero is advised" in untrusted.sentence)
+                said.append("has drifted" in untrusted.sentence)
+                assert "two fingers" not in untrusted.sentence
     assert said[:2] == [False, False]
     assert said[-4:] == [True, True, False, False]
     assert said == sorted(said[:-2]) + [False, False]
@@ -160,6 +161,15 @@ def test_a_second_press_that_does_not_fit_shows_a_drift(presses, word):
         untrusted.take(reading(TOUCHING | MISFIT if pressed else TOO_DARK), 0.02 * i)
     assert untrusted.sentence.startswith("every reading is untrusted, because")
     assert word in untrusted.sentence
+
+
+@pytest.mark.parametrize(("first", "word"), [(TOUCHING, "two fingers"), (TOO_DARK, "drifted")])
+def test_another_finger_after_a_trusted_one_is_no_drift(first, word):
+    untrusted = Untrusted()
+    for i in range(40):
+        untrusted.take(reading(TOUCHING | TWO_FIT if i else first), 0.02 * i)
+    assert word in untrusted.sentence
+    assert untrusted.drifted == (first == TOO_DARK)
 
 
 @pytest.mark.board

@@ -16,7 +16,7 @@ from spots_device.keys.merge import Merger
 from spots_device.reading.decode import TOO_DARK, TOUCHING
 
 LENGTH_UM = 100_000
-DECAY = 286  # attribute `Calibration.decay` of the default strip
+DECAY = 289  # nearly that of the default strip
 READING_MS = 10
 
 

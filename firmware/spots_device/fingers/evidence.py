@@ -36,9 +36,7 @@ def beside(s):
 def guess(s):
     """Estimate a second finger beside the first one; return whether two estimates agree."""
     if not s[c.IS_EVEN]:
-        agrees = s[c.RISES] == 1 and s[c.PAIR] and _guess_both(s)
-        if s[c.RISES] and s[c.PAIR]:  # the force may still have risen in the reading before
-            s[c.RISES] = 1
+        agrees = s[c.RISES] and s[c.PAIR] and _guess_both(s)
     elif not estimate(s, s[c.X_UM], s[c.B], s[c.FITS]):
         s[c.GUESSED] = False
         if not may_be_still(s):

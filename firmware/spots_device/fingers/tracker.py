@@ -379,7 +379,7 @@ class ContactTracker:
         if not before:
             drift = c.EVEN
         s[c.IS_EVEN] = risen > -c.EVEN and (risen < c.EVEN or drift < c.EVEN)
-        s[c.RISES] = risen >= c.EVEN and drift >= c.EVEN and (1 if before else 2)
+        s[c.RISES] = risen >= c.EVEN and drift >= c.EVEN
         s[c.FALLS] = risen <= -c.EVEN
         s[c.FELL] = s[c.T_NOW]
         if s[c.LEAST] > s[c.B]:
@@ -480,10 +480,13 @@ class ContactTracker:
             # only one finger, perhaps with ambient light that is now off.
             if (
                 how & c.SINGLE
-                or s[c.B_NOW] < s[c.PEAK] - c.LOST
-                and abs(x_um - s[c.X_PEAK_UM]) > _MOVED_UM
-                and abs(s[c.B_NOW] - s[c.B_SINCE]) < c.CHANGED
-            ) or (s[c.ODD] and elapsed(s[c.SINCE], t) >= _TOGETHER_T):
+                or (
+                    s[c.B_NOW] < s[c.PEAK] - c.LOST
+                    and abs(x_um - s[c.X_PEAK_UM]) > _MOVED_UM
+                    and abs(s[c.B_NOW] - s[c.B_SINCE]) < c.CHANGED
+                )
+                or (s[c.ODD] and elapsed(s[c.SINCE], t) >= _TOGETHER_T)
+            ):
                 self._begin(x_um, s[c.B_NOW])
                 s[c.B_BEFORE] = 0
                 self.sink.down(x_um, t)

@@ -16,7 +16,7 @@ from .. import const
 from ..sensor.smux import CHANNELS
 from . import decode as d
 
-# Limit of the excess in standard deviations, squared, times `_ONE`: 1.6. One of twenty touches of
+# Limit of the excess in standard deviations, squared, times `_ONE`: 1.6. One of fifteen touches of
 # one finger exceeds it in its second reading, and is typed one reading later.
 _LIMIT = const(10486)
 _ONE = const(4096)  # a weight is this, divided by a variance

@@ -46,7 +46,10 @@ class Advice:
             self._floor.follow(frame)
         else:
             notice.take(frame)
-        self.sentence = self._untrusted.sentence or (notice.sentence if notice else "")
+        size = notice.sentence if notice else ""
+        self.sentence = self._untrusted.sentence
+        if size and (self._untrusted.drifted or not self.sentence):
+            self.sentence = size
 
     def warn(self, frame: Reading, now_s: float) -> None:
         """Take a frame, and print `sentence` on stderr when there is something to report."""

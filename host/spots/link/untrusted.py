@@ -13,6 +13,11 @@ _DRIFT = (
     "the strip has drifted since its calibration: positions are wrong; next: 'spots doctor' for "
     "the size of the error; a re-zero is advised: spots rezero"
 )
+# The first reading of this touch was trusted, so another finger may have caused the others.
+_ANOTHER = (
+    "two fingers touch the strip, or it has drifted since its calibration; next: lift all but one "
+    "finger; if that changes nothing, a re-zero is advised: spots rezero"
+)
 _PRESSES = 2  # presses in a row that do not fit one press, from which on a drift is the cause
 # Causes and remedies by flags; the first entry whose flags are all set applies.
 CAUSES = {
@@ -47,11 +52,13 @@ class Untrusted:
     Usually the next reading without a fault ends the warning. There is a special case: the spectrum
     of each press does not fit the calibration. Since one press may be too short for a warning, the
     durations of successive presses are added up. Only a trusted press then ends the warning.
-    `sentence` has cause and remedy; it is empty while there is no warning.
+    `sentence` has cause and remedy; it is empty while there is no warning. `drifted` is whether the
+    cause is a drift of the strip.
     """
 
     def __init__(self):
         self.sentence = ""
+        self.drifted = False
         self._lasted_s = 0.0
         self._last_s: float | None = None  # of the last reading, if it was untrusted
         self._misfit_press = False
@@ -73,7 +80,7 @@ class Untrusted:
             self._last_s = None
             if touch.touching or not self._misfit_press:
                 self.sentence, self._lasted_s, self._misfit_press = "", 0.0, False
-                self._presses = 0
+                self.drifted, self._presses = False, 0
             return
         if flag == decode.LED_OFF and self._misfit_press:
             self._last_s = None  # the board repeats its dark frame because presses do not fit
@@ -89,4 +96,7 @@ class Untrusted:
                 cause = _LIGHT
             elif self._misfit_press and self._presses >= _PRESSES:
                 cause = _DRIFT
+            elif cause is _DRIFT and not self._presses:
+                cause = _ANOTHER
+            self.drifted = cause is _DRIFT
             self.sentence = f"every reading is untrusted, because {cause}"
