@@ -117,12 +117,6 @@ def test_boards_get_machine_code_without_any_correction_of_signs(module):
 
 
 @pytest.mark.board
-def test_the_modules_of_a_pico_stay_small(built):
-    files = files_of(built("pico"))
-    assert sum(len(data) for path, data in files.items() if path.endswith(".mpy")) <= 97 * 1024
-
-
-@pytest.mark.board
 def test_nothing_stale_stays(tmp_path):
     folder = build("virtual", tmp_path)
     (folder / "spots_device" / "gone.py").write_text("")
