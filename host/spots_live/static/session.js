@@ -11,12 +11,12 @@ const NEXT_STALLED = "the board sends no readings; next: wait a moment, or press
 
 // Unwraps the board time of frames, which has 32 bits.
 export class Unwrapped {
-  #last = null;
+  lastUs = null;
 
   us(t_us) {
-    if (this.#last === null) this.#last = t_us;
-    const step = ((t_us - this.#last) % WRAP_US + WRAP_US) % WRAP_US;
-    return this.#last += step < WRAP_US / 2 ? step : step - WRAP_US;
+    if (this.lastUs === null) this.lastUs = t_us;
+    const step = ((t_us - this.lastUs) % WRAP_US + WRAP_US) % WRAP_US;
+    return this.lastUs += step < WRAP_US / 2 ? step : step - WRAP_US;
   }
 }
 
@@ -27,7 +27,6 @@ export class Session {
   info = null;
   tap = null;  // gets all bytes, while they are recorded
   #clock = new Unwrapped();
-  #us = 0;  // time of the last frame
   #heardMs = 0;
   #askedMs = 0;
   #state = "";
@@ -69,7 +68,7 @@ export class Session {
   show(frame, nowMs) {
     this.#heardMs = nowMs;
     if (this.#state === "stalled" && frame.kind === "touch") this.say("connected");
-    const beforeUs = this.#us, us = this.#us = this.#clock.us(frame.t_us);
+    const beforeUs = this.#clock.lastUs, us = this.#clock.us(frame.t_us);
     if (frame.kind !== "text") return this.feed.take(frame, 1e-6 * us, nowMs);
     if (us < beforeUs - BACK_US) this.decoder.restarted();
     this.commands.take(frame.content);
