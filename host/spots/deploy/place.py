@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from rich.console import Console
 
+from ..common.cursor import cursor_shown
 from ..errors import PortError, SpotsError
 from ..link.board import Board
 from ..link.connect import open as open_board
@@ -85,7 +86,8 @@ def restarted(
     """
     deadline_s = time.monotonic() + _RETURN_S
     reason = "the board is not on USB"
-    with Console().status(f"waiting up to {_RETURN_S:g} s for the board to restart"):
+    console, waits = Console(), f"waiting up to {_RETURN_S:g} s for the board to restart"
+    with cursor_shown(console), console.status(waits):
         while time.monotonic() < deadline_s:
             time.sleep(_POLL_S)
             for port in ports():

@@ -14,9 +14,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from spots_device.reading import decode
 from spots_device.sensor.smux import CHANNELS
 
+from ..common.cursor import cursor_shown
 from ..errors import printable
 from ..link.frames import DOUBTFUL, force_known, log2_unknown
-from ..terminal.view import cursor_shown
 from .arrays import Arrays, RecordingBlocks
 from .header import Header
 from .utc import Utc

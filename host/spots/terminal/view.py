@@ -1,10 +1,9 @@
 """Draws a strip, its spectrum and the state of the link in a terminal."""
 
 import math
-import os
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext
 from shutil import get_terminal_size
 from typing import Protocol
 
@@ -17,7 +16,7 @@ from rich.text import Text
 from spots_device.reading import decode
 
 from ..common import typed_ahead
-from ..common.signals import around_stops
+from ..common.cursor import cursor_shown
 from ..errors import printable
 from ..link.frames import Frame, LinkStats, Spectrum, Touch
 from ..link.timeouts import CONNECTED
@@ -29,7 +28,6 @@ _TRACE_COLUMNS = 64  # largest width of a strip's picture and of the history
 _EIGHTHS = " ▏▎▍▌▋▊▉█"
 _LEVELS = " ▁▂▃▄▅▆▇█"
 _REDRAWS_PER_S = 15
-_SHOW_CURSOR, _HIDE_CURSOR = b"\x1b[?25h", b"\x1b[?25l"
 # Colour of each channel's wavelengths, see the AS7341 data sheet DS000504.
 _CHANNEL_COLOURS = {
     "F1": "#7600ed", "F2": "#0028ff", "F3": "#00d5ff", "F4": "#1fff00", "F5": "#b3ff00",
@@ -210,19 +208,6 @@ def plain(touch: Touch, started_s: float, unit: str = "N") -> str:
         return f"{time_s:8.3f} s  no touch  {words}".rstrip()
     place, force = touch.position_um / 1000, touch.force_mN / 1000
     return f"{time_s:8.3f} s  {place:7.3f} mm  {force:6.3f} {unit}  {words}".rstrip()
-
-
-def cursor_shown(console: Console) -> AbstractContextManager[None]:
-    """Return a context manager for a display that hides the cursor: Ctrl-Z shows the cursor."""
-
-    def write(code: bytes) -> None:
-        # Not by the console: the signal may have interrupted its write.
-        with suppress(OSError, ValueError):
-            os.write(console.file.fileno(), code)
-
-    if not console.is_terminal:
-        return nullcontext()
-    return around_stops(lambda: write(_SHOW_CURSOR), lambda: write(_HIDE_CURSOR))
 
 
 class Display(Live):

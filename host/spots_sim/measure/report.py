@@ -10,7 +10,7 @@ from rich import box
 from rich.console import Console, Group
 from rich.table import Table
 
-from spots.terminal.view import cursor_shown
+from spots.common.cursor import cursor_shown
 
 
 def show(summary: dict) -> None:
