@@ -17,11 +17,17 @@ _CLIP = _ROOT / "docs" / "pictures" / "live.webp"
 sys.path.append(str(_ROOT / "tests"))
 from support.bring_browser import launch_options  # noqa: E402
 
-_SIZE = {"width": 780, "height": 660}
+_SIZE = {"width": 960, "height": 760}  # with the keys, and the text that they type
 _FRAME_MS = 120
 # Frames with a finger at a place in mm, or without one: three taps, a slide, then another tap.
 _PATH = [12.0] * 3 + [None] * 2 + [46.0] * 3 + [None] * 2 + [80.0] * 3 + [None] * 3
 _PATH += [20.0 + 2.5 * i for i in range(20)] + [None] * 3 + [38.0] * 3 + [None] * 4
+# Whether the page shows a press at a place, or none.
+_SHOWN = """(mm) => {
+  const mark = document.querySelector("#strip .press");
+  const off_mm = Math.abs(parseFloat(document.querySelector("#figures b").textContent) - mm);
+  return mm === null ? !mark.classList.contains("on") : off_mm < 0.5;
+}"""
 
 
 class _Quiet(SimpleHTTPRequestHandler):
@@ -56,6 +62,7 @@ def _frames(page: Page):
         if (mm is not None) != down:
             down = not down
             page.mouse.down() if down else page.mouse.up()
+        page.wait_for_function(_SHOWN, arg=mm)  # a busy computer is late
         page.wait_for_timeout(_FRAME_MS)
         yield Image.open(io.BytesIO(page.screenshot())).convert("RGB")
 
