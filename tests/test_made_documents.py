@@ -12,6 +12,7 @@ import msgspec
 import pytest
 from make import (
     applications_page,
+    cheapest_page,
     link_states,
     linkage_page,
     parts_page,
@@ -21,7 +22,7 @@ from make import (
     timings,
 )
 
-from spots_sim.measure import survey
+from spots_sim.measure import effects, survey
 from spots_sim.strip.files import load
 
 pytestmark = pytest.mark.board
@@ -101,6 +102,18 @@ def test_the_parts_and_costs_of_all_pages_are_those_of_one_list():
     """Fails if a page, the README or the CSV has another part, amount or price."""
     for path, text in parts_page.documents().items():
         assert path.read_text(encoding="utf-8") == text, path
+
+
+def test_the_page_of_the_cheapest_strip(tmp_path, monkeypatch):
+    """Fails if an option of a row is unknown, or the rows do not fit the table of the page."""
+    page = tmp_path / "cheapest.md"
+    page.write_text(cheapest_page._PAGE.read_text(encoding="utf-8"), encoding="utf-8")
+    errors = [effects.Errors(force_N, 0.12, 0.34, 0, 0, 1, 0, 0) for force_N in (1.0, 3.0)]
+    monkeypatch.setattr(cheapest_page, "_PAGE", page)
+    monkeypatch.setattr(effects, "measured", lambda options: errors)
+    cheapest_page.main()
+    rows = re.findall(r"^\| (.*) \| 0.12/0.34 \| 0.12/0.34 \|$", page.read_text(), re.MULTILINE)
+    assert rows == list(cheapest_page._WITHOUT)
 
 
 def test_the_screenshots(tmp_path, monkeypatch):

@@ -25,7 +25,8 @@ def documents(root: Path = _ROOT) -> dict[Path, str]:
         made = rf"\g<1>{parts.page_table(table, _SHAPE)}\n"
         text = re.sub(rf"(## {table.title()}\n\n(?:[^#|]*\n)?){_TABLE}", made, text)
     (low, high), (tools_low, tools_high) = _sums("electronics", "strip"), _sums("tools")
-    total = f"{low + tools_low} to {high + tools_high} euros"
+    every = low + tools_low, high + tools_high
+    total = f"{every[0]} to {every[1]} euros"
     rows = {
         "board, breakout, LED, cables, breadboard": _range("electronics"),
         "materials of the strip, filament, sandpaper, cups; enough for several strips": _range(
@@ -47,9 +48,11 @@ def documents(root: Path = _ROOT) -> dict[Path, str]:
         f"One strip costs {low} to {high} euros in materials, and {total} with",
         cost,
     )
+    cheapest = page.with_name("cheapest.md")
     return {
         page: text,
         index: cost,
+        cheapest: _without(cheapest.read_text(encoding="utf-8"), every),
         readme: re.sub(
             r"materials \d+ to \d+ euros, with tools \d+ to \d+ euros",
             f"materials {low} to {high} euros, with tools {total}",
@@ -57,6 +60,22 @@ def documents(root: Path = _ROOT) -> dict[Path, str]:
         ),
         page.with_suffix(".csv"): parts.csv_text(_SHAPE, 1),
     }
+
+
+def _without(page: str, euros: tuple[int, int]) -> str:
+    left = [one for one in parts.parts() if one.without]
+    head = "| leave out | euros | do this, or know that |\n|---|---|---|\n"
+    rows = "".join(f"| {one.name} | {parts.euros(one)} | {one.without} |\n" for one in left)
+    low, high = (
+        5 * round((total - sum(saved)) / 5)
+        for total, saved in zip(euros, zip(*(one.cost(1) for one in left)))
+    )
+    page = re.sub(rf"{re.escape(head)}(?:\|.*\n)*", head + rows, page)
+    return re.sub(
+        r"costs \d+ to \d+ euros, and \d+ to \d+ euros",
+        f"costs {low} to {high} euros, and {euros[0]} to {euros[1]} euros",
+        page,
+    )
 
 
 def _sums(*tables: str) -> tuple[int, int]:

@@ -37,6 +37,7 @@ class Part(msgspec.Struct, forbid_unknown_fields=True):
     of: list[str] = []
     euros: tuple[float, float] | None = None
     other: str = ""
+    without: str = ""
     counted: bool = True
 
     def count(self, shape: StripShape, strips: int) -> str:
@@ -90,12 +91,11 @@ def page_table(table: str, shape: StripShape) -> str:
     """Return a table of docs/build/parts.md."""
     if table == "tools":
         rows = [("tool", "for", "euros", "alternative")]
-        rows += [(p.name, p.use, _euros(p), p.other or _DASH) for p in parts(table)]
+        rows += [(p.name, p.use, euros(p), p.other or _DASH) for p in parts(table)]
     else:
         rows = [("part", "maker, number", "amount", "euros", "alternative")]
         rows += [
-            (p.name, _named(p), p.count(shape, 1), _euros(p), p.other or _DASH)
-            for p in parts(table)
+            (p.name, _named(p), p.count(shape, 1), euros(p), p.other or _DASH) for p in parts(table)
         ]
     head, *body = (f"| {' | '.join(row)} |" for row in rows)
     return "\n".join([head, "|---" * len(rows[0]) + "|", *body])
@@ -108,7 +108,8 @@ def _named(part: Part) -> str:
     return part.text or made or _DASH
 
 
-def _euros(part: Part) -> str:
+def euros(part: Part) -> str:
+    """Return the lowest and the highest estimated price of one, in words."""
     if not part.euros:
         return _DASH
     low, high = part.euros

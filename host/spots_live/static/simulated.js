@@ -16,6 +16,7 @@ export function draw() {
 
 // `files`: the firmware, by path, as bytes. `glue`: the text of board.py.in. `light`: see light.js. `noise`: see
 // chip/converter.js. `onBytes(bytes)` gets what the board sends; `onReport(name, report)` its USB reports.
+// `hardware` is that of board.py.in in place of a simulated one.
 export async function simulatedBoard({ files, glue, config, id, light, noise, onBytes, onReport, hardware, onPrint = console.log }) {
   const clock = { timeUs: 0 }, toBoard = [];
   globalThis.board = hardware ?? simulated({ clock, toBoard, bus: new I2CBus(new AS7341(light, noise, draw), clock, config.I2C_HZ), onBytes, onReport });
@@ -53,7 +54,7 @@ export async function simulatedBoard({ files, glue, config, id, light, noise, on
   };
 }
 
-// The hardware that tab_board.py uses; times are in us.
+// The hardware that board.py.in uses; times are in us.
 function simulated({ clock, toBoard, bus, onBytes, onReport }) {
   return {
     now: () => Math.floor(clock.timeUs) % PERIOD_US,

@@ -186,8 +186,8 @@ def _keys(texts: list[str]) -> dict[str, object]:
     return keys
 
 
-def main() -> None:
-    """Parse the command line, and print the results."""
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -217,6 +217,9 @@ def main() -> None:
         help="a simulated person calibrates with 45 presses, instead of the stage",
     )
     parser.add_argument(
+        "--rough", action="store_true", help="this person has no scale, and presses with a finger"
+    )
+    parser.add_argument(
         "--leak",
         type=float,
         nargs=2,
@@ -231,7 +234,12 @@ def main() -> None:
     parser.add_argument("--rezero", type=int, default=0, help="marks of a re-zero (0)")
     parser.add_argument("--seed", type=int, default=0, help="random seed (0)")
     parser.add_argument("--json", action="store_true", help="print one JSON object a force")
-    options = parser.parse_args()
+    return parser
+
+
+def main() -> None:
+    """Parse the command line, and print the results."""
+    options = parser().parse_args()
     try:
         rows = measured(options)
     except SpotsError as error:
@@ -244,7 +252,7 @@ def main() -> None:
 
 
 def measured(options: argparse.Namespace) -> list[Errors]:
-    """Calibrate a strip, change it, and measure its errors, as the options of `main` say."""
+    """Calibrate a strip, change it, and measure its errors, as the options of `parser` say."""
     sensor = with_keys(load(SensorFile, options.sensor), _keys(options.set))
     later = with_keys(
         sensor.unchanged(), {f"change.{key}": v for key, v in _keys(options.later).items()}
@@ -253,9 +261,10 @@ def measured(options: argparse.Namespace) -> list[Errors]:
     hand.check()
     with Rig(sensor, options.seed, options.exposure_us, options.average) as rig:
         if options.person is not None:
-            made = calibrate_by_hand(rig.stage, options.person)
-            # The re-zero takes the place of the marks by a finger at the end of the session.
-            finger = options.by_hand and not options.rezero
+            kind = "rough" if options.rough else "fine"
+            made = calibrate_by_hand(rig.stage, options.person, kind=kind)
+            # The re-zero takes the place of the marks by a finger at the end of a fine session.
+            finger = options.by_hand and (options.rough or not options.rezero)
             rig.use(used_by(made, FINGER if finger else INDENTER).lines)
         held = rig.stage.held
 
