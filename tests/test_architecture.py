@@ -185,7 +185,9 @@ def strings(tree):
 
 def test_tests_share_code_only_through_the_package_support():
     files = [p for p in (ROOT / "tests").rglob("*.py") if "node_modules" not in p.parts]
-    tests = {path.stem for path in files if path.stem.startswith("test_")}
+    names = [path.stem for path in files if path.stem.startswith("test_")]
+    tests = {*names}
+    assert len(tests) == len(names), "pytest collects no two modules of one name"
     importing = re.compile(r"^\s*(?:from|import) (?:\w+\.)*(\w+)", re.MULTILINE)
     found = {p.name: tests & {*importing.findall(p.read_text(encoding="utf-8"))} for p in files}
     assert {name: imported for name, imported in found.items() if imported} == {}
