@@ -175,7 +175,7 @@ class BoardError(SpotsError):
     ----------
     why : str
         Code of the reason, such as "busy": one of `link.board_errors.REASONS`. Empty if it is
-        unknown, because the firmware is older than the codes.
+        unknown.
     """
 
     def __init__(self, text: str, why: str = ""):

@@ -293,7 +293,7 @@ def test_a_layout_of_an_odd_name(screen, tmp_path):
 def test_a_recording_of_such_a_board_under_an_odd_name(screen, evil_board, tmp_path):
     path, out = tmp_path / (NAME + ".spots"), tmp_path / (NAME + "2")
     assert screen.run("record", path, "--port", evil_board.name, "--seconds", "0.5") == 0
-    # An earlier version or another program may have written such notes.
+    # Another program may have written such notes.
     with path.open("ab") as file:
         file.write(note(10**7, {EVIL: EVIL}))
         text = json.dumps({"log": EVIL, EVIL: EVIL}, ensure_ascii=False).encode()

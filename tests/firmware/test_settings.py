@@ -100,13 +100,3 @@ def test_a_dark_frame_belongs_to_its_channels_and_is_saved():
     assert again.values["dark"]
     again.change(["channels=F1,F4,F5,F6,F7,F8"])
     assert again.values["dark"] == []
-
-
-def test_a_setting_of_earlier_firmware_is_answered_and_a_saved_one_ignored():
-    fresh = made()
-    with pytest.raises(ValueError, match=r"'baseline' is no longer a setting: .*; leave it out"):
-        fresh.change(["gain=5", "baseline=1"])
-    fresh.restore(["gain=5", "baseline=1", "plan=F1,F2,F3,F4,F5,F6"])
-    assert fresh.values["gain"] == 5
-    assert fresh.values["channels"] == ("F1", "F2", "F3", "F4", "F5", "F6")
-    assert "baseline" not in fresh.values

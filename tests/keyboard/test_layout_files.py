@@ -165,11 +165,6 @@ MISTAKES = {
 
 
 MISTAKES |= {
-    'keys = ["layer a"]': "line 4.*'layer NAME' is now 'momentary NAME'",
-    'keys = ["once a"]': "line 4.*'once NAME' is now 'sticky NAME'",
-    'keys = ["A"]\n[tuning]\ntapping_ms = 200': "line 6.*'tapping_ms' is now 'tapping_term_ms'",
-    'keys = ["A"]\n[tuning]\nquick_ms = 200': "line 6.*'quick_ms' is now 'quick_tap_ms'",
-    'keys = ["A"]\n[tuning]\nflavour = "balanced"': "line 6.*'flavour' is now 'flavor'",
     'keys = ["momentary a"]': "line 4.*the first layer is always on: use 'to a'",
     'keys = ["sticky bb"]': "line 4.*there is no key 'bb'.*layers are a",
     'keys = ["tap_dance x"]': r"line 4.*\[tap_dance.x\] does not exist: add this table",

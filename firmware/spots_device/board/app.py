@@ -516,7 +516,7 @@ class BoardApp:
 
     def _load(self):
         """Load saved settings, calibration and layout; return the lines of the layout."""
-        self._load_lines("settings", self.settings.restore)
+        self._load_lines("settings", self.settings.change)
         self._load_lines("calibration", self.calibration.use)
         return self._load_lines("layout", check_layout)
 

@@ -33,8 +33,6 @@ LIMITS = {
     "gamepad": (0, 1, 0),
     "watchdog": (0, 1, 0),
 }
-# Settings of earlier firmware, and why they are gone.
-_REMOVED = {"baseline": "the board follows the light of the untouched strip by itself"}
 # Settings that can change without a restart of the sensor.
 _AFTER_THE_SENSOR = (
     "average",
@@ -107,10 +105,6 @@ class BoardSettings:
                 checked[name] = text
             elif name in LIMITS:
                 checked[name] = self._number(name, text)
-            elif name in _REMOVED:
-                raise ValueError(
-                    "'%s' is no longer a setting: %s; leave it out" % (name, _REMOVED[name])
-                )
             else:
                 raise ValueError(
                     "no setting is called '%s'; use one of %s"
@@ -130,11 +124,6 @@ class BoardSettings:
             settle(checked, self.values, self._board)
         self.values.update(checked)
         return bool(set(checked).difference(_AFTER_THE_SENSOR))
-
-    def restore(self, lines):
-        """Change settings as `change` does; understand what earlier firmware has saved."""
-        lines = [line for line in lines if line.partition("=")[0] not in _REMOVED]
-        self.change([line.replace("plan=", "channels=") for line in lines])
 
     def reply(self):
         """Return the settings except ``dark`` as a dict for a reply; ``channels`` is a list."""

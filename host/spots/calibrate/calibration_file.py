@@ -155,7 +155,7 @@ class Rezero(toml.Strict, kw_only=True):
     drift : str
         Description of the drift, for example ``dye 1.9 % paler``.
     presser : {"finger", "indenter"} or None
-        What pressed the marks; None in a file of a version that did not store it.
+        What pressed the marks; None if it is unknown.
     temperature_C : float or None
         Temperature of the board in degrees Celsius; None if the board cannot measure it.
     """
@@ -179,8 +179,7 @@ class CalibrationFile(toml.Strict, kw_only=True):
         Board and settings of the calibration; `plan` is the choice of the six channels. See
         `spots_device.reading.calibration.Conditions`.
     presser : {"finger", "indenter"} or None
-        What pressed the strip for the calibration; None in a file of a version that did not store
-        it.
+        What pressed the strip for the calibration; None if it is unknown.
     lines : tuple of str
         Calibration lines that the board uses, see `spots_device.reading.calibration_lines`. Their
         line ``presser`` names for what they are: a finger or an indenter.

@@ -15,7 +15,7 @@ from ..common import kinds, schema, toml
 from ..errors import FileError
 from .key_layout import KeyLayout
 from .layout_compiler import Compiler
-from .layout_format import NEW_TUNING, LayoutFile, line_of, line_of_key
+from .layout_format import LayoutFile, line_of, line_of_key
 
 # How `schema` names the place of a key, and that of a layer.
 _ENTRY = re.compile(r"( in |^)(entry (?P<key>\d+) of keys in )?entry (?P<layer>\d+) of layer")
@@ -64,7 +64,6 @@ def compiled(path: Path, text: str) -> KeyLayout:
     content: dict = {}
     try:
         content = toml.loads(text)
-        _check_words(path, text, content)
         file = schema.convert(content, LayoutFile)
     except msgspec.ValidationError as error:
         kinds.check(path, text, "a layout file")
@@ -89,14 +88,3 @@ def _placed(error: msgspec.ValidationError, content: dict) -> str:
     place = f"in layer {number if name is None else repr(name)}" + (f", key {key}" if key else "")
     words = f"{str(error)[: found.start()]}{str(error)[found.end() :]}"
     return f"{place}: {words.strip()}"
-
-
-def _check_words(path: Path, text: str, content: dict) -> None:
-    """Refuse the words of older layouts, with the word that replaces each."""
-    tuning = content.get("tuning")
-    for old, new in NEW_TUNING.items():
-        if isinstance(tuning, dict) and old in tuning:
-            line = line_of_key(text, [old])
-            raise FileError(
-                f"layout {path}{line}: '{old}' is now '{new}': write this name", path, line[2:]
-            )

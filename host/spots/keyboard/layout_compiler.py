@@ -28,7 +28,6 @@ from .layout_format import (
     HOLD_TERMS,
     MACRO,
     NAMED,
-    NEW_VERBS,
     STICKY,
     TEXT,
     WORDS,
@@ -184,8 +183,6 @@ class Compiler:
         if found:
             return self._action(found.tap, layer, where)
         verb, _, name = text.partition(" ")
-        if verb in NEW_VERBS:
-            self._refuse(text, f"{at}: '{verb} NAME' is now '{NEW_VERBS[verb]} NAME': write this")
         if text in WORDS:
             table = self._writing.caps_word() if text == CAPS_WORD else ()
             return self._behave(text, WORDS[text], *table)

@@ -18,9 +18,6 @@ NAMED = ("tap_dance", "mod_morph")  # tables of the file, which an action names
 TEXT, MACRO = "text", "macro"
 CAPS_WORD = "caps_word"
 WORDS = {"key_repeat": lines_of.KEY_REPEAT, CAPS_WORD: lines_of.CAPS_WORD}
-# Words of older layouts, which the words of other keyboard firmware have replaced.
-NEW_VERBS = {"layer": "momentary", "once": STICKY}
-NEW_TUNING = {"tapping_ms": "tapping_term_ms", "quick_ms": "quick_tap_ms", "flavour": "flavor"}
 # Limits of a hold, which a key may have itself.
 HOLD_TERMS = ("tapping_term_ms", "quick_tap_ms", "require_prior_idle_ms")
 RELEASE_AFTER_MS = (0, 60_000, 0)  # minimum, maximum, default

@@ -87,7 +87,7 @@ def in_words(text: str) -> str:
 
 
 def reason_of(reply: Mapping[str, Any]) -> str:
-    """Return the code of a reply with an error; empty if the firmware is older than the codes."""
+    """Return the code of a reply with an error; empty without a known code."""
     why = reply.get("why")
     return why if isinstance(why, str) and why in REASONS else ""
 

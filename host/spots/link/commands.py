@@ -9,7 +9,6 @@ import msgspec
 from spots_device.board.command import LINE_MAX
 
 from ..errors import BoardError, NoReplyError, PortError, SettingError
-from . import former_names
 from .board_errors import in_words, reason_of
 from .channel import Channel
 from .frames import Text
@@ -41,7 +40,6 @@ class Commands:
                 f"cannot send {line!r}: a command must have 1 to {LINE_MAX} printable ASCII "
                 "characters, not only spaces"
             )
-        former_names.check(line)
         usual_s = _REPLY_S.get(line.split()[0], _USUAL_REPLY_S)
         if timeout_s is None:
             timeout_s = usual_s

@@ -13,7 +13,7 @@ from spots_device.reading.calibration import Calibration, Conditions
 from spots_device.reading.calibration_lines import CalibrationError as LinesError
 from spots_device.reading.rescale import rescale  # pyright: ignore[reportUnknownVariableType]
 
-from ..errors import BoardError, CalibrationError, NoReplyError, PortError, SpotsError, path_text
+from ..errors import CalibrationError, NoReplyError, PortError, SpotsError, path_text
 from .advice import learn_calibrations
 from .board import Board
 from .lines import of_sensor
@@ -253,16 +253,7 @@ def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
     reason = made.mismatch(now)
     if reason is not None:
         raise CalibrationError(reason)
-    try:
-        name = upload_lines(board, "cal", calibration, sensor)
-    except BoardError as error:
-        if error.why not in ("", "bad_calibration"):
-            raise
-        raise BoardError(
-            f"the board refuses a calibration that is valid here ({error}): if the board has an "
-            "older firmware, run 'spots flash', then upload the calibration again",
-            error.why,
-        ) from None
+    name = upload_lines(board, "cal", calibration, sensor)
     board.learn(calibration, i, sensor)
     if sensor:
         return

@@ -20,7 +20,6 @@ from spots_device.reading import decode, frame
 from spots_device.reading.kernel import TOUCH_BODY
 
 from ..errors import SettingError
-from .former_names import present
 from .frames import (
     Contact,
     Frame,
@@ -275,7 +274,7 @@ def _contact(sensor: int, sequence: int, t_us: int, body: bytes) -> Contact:
 
 
 def _text(sensor: int, sequence: int, t_us: int, body: bytes) -> Text:
-    return Text(sensor, sequence, t_us, present(_object(body)))
+    return Text(sensor, sequence, t_us, _object(body))
 
 
 def _note(sensor: int, sequence: int, t_us: int, body: bytes) -> Note:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 
@@ -13,7 +13,6 @@ from ..common import kinds
 from ..common.certainty import Certainty
 from ..errors import FileError
 from ..link.decoder import Decoder, note
-from ..link.former_names import present
 from ..link.frames import Note
 from ..link.replies import validated
 
@@ -153,19 +152,12 @@ def read(path: Path, blocks: Iterable[bytes]) -> Header:
     )
 
 
-def _present(info: dict[str, Any]) -> dict[str, Any]:
-    found = present(info)
-    if isinstance(strips := found.get("strips"), list):
-        found["strips"] = [present(one) if isinstance(one, dict) else one for one in strips]
-    return found
-
-
 def _parsed(path: Path, pieces: dict) -> Header:
     try:
         text = "".join(pieces[i] for i in range(len(pieces)))
         version = json.loads(text)["recording"]
         header = msgspec.json.decode(text, type=Header) if version == VERSION else None
-        info = validated("hello", _present(header.info)) if header else {}
+        info = validated("hello", header.info) if header else {}
     except (KeyError, TypeError, ValueError, RecursionError, msgspec.MsgspecError) as error:
         raise FileError(
             f"{path} has an invalid header ({error}): make a new recording with this program", path

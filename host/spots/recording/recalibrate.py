@@ -24,7 +24,6 @@ from ..calibrate.pressers import is_known, used_by
 from ..common import atomic
 from ..errors import CalibrationError, FileError, SettingError
 from ..link.decoder import NOTE, checked, framed
-from ..link.former_names import present
 from .arrays import Arrays, read_arrays
 from .export import Files
 from .header import Header, encoded
@@ -215,7 +214,7 @@ class _Rewriter:
 
     def _text(self, lane: _Lane, body: bytes) -> None:
         try:
-            content = present(msgspec.json.decode(body, type=dict[str, Any]))
+            content = msgspec.json.decode(body, type=dict[str, Any])
             plan = msgspec.convert(content.get("channels", lane.strip.plan), tuple[str, ...])
         except msgspec.MsgspecError:
             return
