@@ -19,7 +19,7 @@ from spots_device.reading.calibration import Conditions
 
 from ...common import atomic, kinds, locks
 from ...common.bounded import SESSION_MAX_BYTES, read_bytes
-from ...errors import FileError, InUseError
+from ...errors import ChangedError, FileError, InUseError
 from ..fit.points import Point, Wanted
 from .spectra import Reading
 
@@ -51,11 +51,11 @@ def point(wanted: Wanted, reading: Reading, conditions: Conditions, **measured) 
 class Session:
     """A session file and its points: the presses that were taken, with their readings.
 
-    The file is the truth: `add` and `remove` change the file as it is now, also if somebody edited
-    it in the meantime, and then read it again. The file need not exist. An incomplete last line,
-    which a killed program leaves, is ignored, and replaced by `add`. `points` are those of the
-    file, as `refer` changes them; `removed` are presses by hand to ask for again. FileError if the
-    file cannot be read, or a complete line is not a point.
+    The file is read again whenever `locked` begins. What somebody changes in it until `locked`
+    ends makes `add` and `remove` raise ChangedError, and stays as it is. The file need not exist.
+    An incomplete last line, which a killed program leaves, is ignored, and replaced by `add`.
+    `points` are those of the file, as `refer` changes them; `removed` are presses by hand to ask
+    for again. FileError if the file cannot be read, or a complete line is not a point.
     """
 
     def __init__(self, path: Path):
@@ -63,7 +63,7 @@ class Session:
         self.points: list[Point] = []
         self.removed: list[Point] = []
         self._stored: list[Point] = []  # `points` as the file has them
-        self._data = b""
+        self._data = b""  # the complete lines of the file
         self._is_locked = False
         self._refer: Callable[[Point], Point] = lambda point: point
         self._parse(self._read())
@@ -90,7 +90,7 @@ class Session:
                 raise atomic.not_written(self.path, error) from None
             stack.callback(setattr, self, "_is_locked", False)
             self._is_locked = True
-            self._update()
+            self._parse(self._read())
             yield
 
     def refer(self, change: Callable[[Point], Point]) -> None:
@@ -113,29 +113,25 @@ class Session:
     def add(self, taken: Point) -> None:
         """Append a point to the file, and wait until the point is on disk.
 
-        FileError if the point cannot be written, or somebody has damaged a line of the file. Then
-        the point is stored nevertheless.
+        FileError if the point cannot be written, or somebody has changed the file.
         """
         line = msgspec.json.encode(taken)
         with self.locked():
-            data = self._read()
-            whole, last = _cut(data)
+            self._check_unchanged()
             # An editor may omit the end of the last line.
-            added = (b"\n" if last else b"") + line + b"\n"
+            unended = self._data and not self._data.endswith(b"\n")
+            added = (b"\n" if unended else b"") + line + b"\n"
             try:
-                atomic.append(self.path, added, len(whole + last))
+                atomic.append(self.path, added, len(self._data))
             except OSError as error:
                 raise FileError(
                     f"cannot write {self.path} ({error.strerror or error}): the last press is not "
                     f"stored, all presses before it are; make room, and run the same command again",
                     self.path,
                 ) from None
-            if data != self._data:  # somebody has edited the file
-                self._parse(whole + last + added)
-                return
             self.points.append(self._refer(taken))
             self._stored.append(taken)
-            self._data = whole + last + added
+            self._data += added
 
     def undo(self) -> Point | None:
         """Remove and return the last point; return None if the session has no point."""
@@ -148,8 +144,8 @@ class Session:
         """Remove a point from the session; the file is replaced atomically."""
         stored = self._stored[next(i for i, p in enumerate(self.points) if p is point)]
         with self.locked():
-            data = self._read()
-            lines = data.splitlines(keepends=True)
+            data = self._check_unchanged()
+            lines = self._data.splitlines(keepends=True)
             known = [_decoded(line) for line in lines]
             if stored in known:  # nobody else has removed it
                 del lines[len(known) - 1 - known[::-1].index(stored)]
@@ -165,14 +161,20 @@ class Session:
         except OSError as error:
             raise kinds.not_read(self.path, error, _WANTED) from None
 
-    def _update(self) -> None:
-        if (data := self._read()) != self._data:
-            self._parse(data)
+    def _check_unchanged(self) -> bytes:
+        """Return the bytes of the file; raise ChangedError if somebody has changed its lines."""
+        data = self._read()
+        if _complete(data) != self._data:
+            raise ChangedError(
+                f"{self.path} was changed during its session, and stays as it is now: close the "
+                "session before you edit this file; the same command goes on with it",
+                self.path,
+            )
+        return data
 
     def _parse(self, data: bytes) -> None:
-        whole, last = _cut(data)
-        stored = []
-        for number, line in enumerate((whole + last).split(b"\n"), 1):
+        complete, stored = _complete(data), []
+        for number, line in enumerate(complete.split(b"\n"), 1):
             if not line.strip():
                 continue
             try:
@@ -190,7 +192,7 @@ class Session:
                     f"line {number}",
                 ) from None
         self.points = [self._refer(point) for point in stored]
-        self._stored, self._data = stored, data
+        self._stored, self._data = stored, complete
 
     def of(self, kind: str, strain_ppm: int = 0) -> list[Point]:
         """Return the points of one kind of press at one strain, oldest first."""
@@ -209,12 +211,7 @@ class Session:
     def length_um(self) -> float | None:
         """Length of the strip at rest in um; None if the session does not contain the length."""
         known = [p.length_um for p in self.points if p.length_um is not None]
-        if known:
-            return known[-1]
-        # Older versions stored no length, but took ``force`` presses only after all ``position``
-        # presses, of which the last one is at the strip's end.
-        whole = self.of("position") if self.of("force") else []
-        return max((p.place_um for p in whole), default=None)
+        return known[-1] if known else None
 
     @property
     def baseline(self) -> tuple[float, ...]:
@@ -267,17 +264,14 @@ class Session:
             )
 
 
-def _cut(data: bytes) -> tuple[bytes, bytes]:
-    """Return the complete lines of a session file, and its last line if only its end is missing.
-
-    What a killed program left of a last line is in neither.
-    """
+def _complete(data: bytes) -> bytes:
+    """Return a session file without what a killed program has left of a last line."""
     whole = data[: data.rfind(b"\n") + 1]
     last = data[len(whole) :]
     # A program was killed while it wrote a line, or the power failed before the line was on disk.
     if (last.startswith(b"{") or not last.strip(b"\0")) and _decoded(last) is None:
-        last = b""
-    return whole, last
+        return whole
+    return data
 
 
 def _decoded(line: bytes) -> Point | None:
