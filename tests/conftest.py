@@ -37,14 +37,13 @@ STAND_INS = Path(__file__).parent / "stand_ins"
 # processor.
 PARALLEL = {"bench", "remote", "web"}
 
-# Folders and modules of tests of the host package, of the simulator, or of figures of merit such as
-# the share of wrong keys. Their virtual boards run the firmware in CPython, which needs a third
-# less processor time than MicroPython. tests/micropython compares all numbers of both, and
-# tests/board/test_cpython.py the readings.
-IN_CPYTHON = {"calibrate", "controller", "keyboard", "linkage", "referee", "remote", "sim", "top"}
-IN_CPYTHON |= {"wearable", "web"}
-IN_CPYTHON |= {"test_contacts.py", "test_doctor.py", "test_fast_typing.py"}
-IN_CPYTHON |= {"test_uses_under_fire.py"}
+# Folders and modules of tests in which the firmware of virtual boards runs in MicroPython. In all
+# others it runs in CPython, which needs a third of the processor time. tests/micropython compares
+# all numbers of both, and tests/board/test_cpython.py the readings.
+IN_MICROPYTHON = {"bench", "live", "micropython"}
+IN_MICROPYTHON |= {"test_determinism.py", "test_dropped_boards.py", "test_fire.py", "test_flash.py"}
+IN_MICROPYTHON |= {"test_keys.py", "test_realtime.py", "test_recovery.py", "test_slow_board.py"}
+IN_MICROPYTHON |= {"test_two_strips.py"}
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -107,7 +106,7 @@ def pytest_runtest_setup(item):
     A test and the processes that it starts use one processor.
     """
     _pure[:] = [] if any(map(item.get_closest_marker, TIERS)) else [item.nodeid]
-    if not IN_CPYTHON.isdisjoint((item.path.parent.name, item.path.name)):
+    if IN_MICROPYTHON.isdisjoint((item.path.parent.name, item.path.name)):
         os.environ["SPOTS_VIRTUAL_RUNTIME"] = "cpython"
     else:
         os.environ.pop("SPOTS_VIRTUAL_RUNTIME", None)

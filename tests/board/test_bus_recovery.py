@@ -76,10 +76,9 @@ def test_a_chip_that_holds_sda_is_clocked_free(faulty, board):
     are_right(readings[-50:])
 
 
-@pytest.mark.parametrize("board", BOARDS)
-def test_a_chip_that_holds_sda_since_before_the_board_started_is_clocked_free(rig, board):
+def test_a_chip_that_holds_sda_since_before_the_board_started_is_clocked_free(rig):
     low = BusFaults(sda_low=Moments(at_s=[0.0], last_ms=1e9))
-    made = rig(board=board, faults=Faults(FaultsFile(from_s=0.0, i2c=low), 3600.0))
+    made = rig(faults=Faults(FaultsFile(from_s=0.0, i2c=low), 3600.0))
     made.settle(0.5)
     assert made.board.command("get")["fault"] is None
     assert len(made.readings(10)) == 10
@@ -93,9 +92,8 @@ def test_without_the_nine_clocks_it_would_never_come_back(faulty, monkeypatch):
     assert made.board.command("get")["fault"]
 
 
-@pytest.mark.parametrize("board", BOARDS)
-def test_a_sensor_that_was_reset_is_set_up_again(faulty, board):
-    made, _ = faulty(board, power=PowerFaults(sensor_resets=Moments(at_s=[5.0])))
+def test_a_sensor_that_was_reset_is_set_up_again(faulty):
+    made, _ = faulty(power=PowerFaults(sensor_resets=Moments(at_s=[5.0])))
     readings = touches(made, 6.0)
     assert [line["log"] for line in made.board.log] == ["error", "info"]
     assert "stopped sampling" in made.board.log[0]["text"]
@@ -148,8 +146,7 @@ def test_wrong_data_on_the_bus_never_stops_it(faulty):
     assert made.link.now_s() - readings[-1].time_s < 1.0
 
 
-@pytest.mark.parametrize("board", BOARDS)
-@pytest.mark.parametrize("ppm", [0, 1000])
+@pytest.mark.parametrize(("board", "ppm"), [*zip(BOARDS, (0, 1000)), (BOARDS[0], 1000)])
 def test_a_board_counts_time_by_its_own_oscillator(faulty, board, ppm):
     made, _ = faulty(board, clock=ClockFaults(oscillator_ppm=ppm))
     made.board.command(
@@ -165,11 +162,8 @@ def test_a_board_counts_time_by_its_own_oscillator(faulty, board, ppm):
     assert drift_ppm == pytest.approx(ppm, abs=200)
 
 
-@pytest.mark.parametrize("board", BOARDS)
-def test_a_program_goes_on_after_brown_outs(faulty, board):
-    made, counts = faulty(
-        board, power=PowerFaults(brown_outs=Moments(at_s=[5.0, 9.0], last_ms=200))
-    )
+def test_a_program_goes_on_after_brown_outs(faulty):
+    made, counts = faulty(power=PowerFaults(brown_outs=Moments(at_s=[5.0, 9.0], last_ms=200)))
     gaps, last_s, readings = [], made.link.now_s(), []
     for touch in made.board.touches(10.0):
         gaps.append(made.link.now_s() - last_s)

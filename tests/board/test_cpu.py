@@ -1,7 +1,6 @@
 """A virtual board with the processor time of a Pico: its rates equal those of an emulated Pico."""
 
 import re
-from itertools import product
 
 import numpy as np
 import pytest
@@ -18,17 +17,8 @@ pytestmark = pytest.mark.board
 
 # Streamed touches of a calibrated, touched strip: exposure in us, readings in Hz, busy share.
 MEASURED = {
-    "pico": [
-        (10_000, 100.0, 0.131),
-        (2_780, 359.8, 0.465),
-        (1_500, 666.6, 0.836),
-        (1_000, 999.3, 1.0),
-    ],
-    "pico-xip50": [
-        (2_780, 359.7, 0.615),
-        (1_500, 666.2, 1.0),
-        (1_000, 867.5, 1.0),
-    ],
+    "pico": [(2_780, 359.8, 0.465), (1_000, 999.3, 1.0)],
+    "pico-xip50": [(2_780, 359.7, 0.615), (1_000, 867.5, 1.0)],
 }
 CASES = [(name, *row) for name, rows in MEASURED.items() for row in rows]
 SECONDS = 1.0
@@ -116,7 +106,7 @@ def test_the_busy_time_of_a_sample_is_that_of_the_emulated_board(
 @pytest.mark.parametrize("cpu", MEASURED)
 def test_the_reply_to_set_has_the_rate_that_the_slow_board_delivers(rig, calibration, cpu):
     made = ready(rig, calibration, cpu, 10_000)
-    for exposure_us, before_us in product((1_000, 1_500, 2_000, 2_780), (10_000, 1_000)):
+    for exposure_us, before_us in (1_000, 10_000), (1_500, 1_000), (2_000, 1_500):
         made.board.command(f"set exposure_us={before_us}")
         made.settle(0.5)
         reply = made.board.command(f"set exposure_us={exposure_us}")
@@ -127,7 +117,7 @@ def test_the_reply_to_set_has_the_rate_that_the_slow_board_delivers(rig, calibra
 
 
 @pytest.mark.parametrize("cpu", MEASURED)
-@pytest.mark.parametrize("exposure_us", [1_000, 2_780, 10_000])
+@pytest.mark.parametrize("exposure_us", [1_000])
 def test_the_pauses_of_an_upload_leave_the_fifo_in_use(rig, calibration, cpu, exposure_us):
     made = ready(rig, calibration, cpu, exposure_us)
     assert made.board.command("get")["fifo"]
@@ -146,6 +136,7 @@ def test_hello_costs_no_sample(rig, calibration):
     assert lost == [0, 0]
 
 
+@pytest.mark.usefixtures("in_micropython")  # for its garbage collection
 @pytest.mark.parametrize("exposure_us", [1_000, 2_780])
 def test_samples_that_commands_and_their_collections_cost_are_counted(
     rig, calibration, exposure_us
@@ -171,9 +162,7 @@ def test_samples_that_commands_and_their_collections_cost_are_counted(
     assert missed + frames - len(commands) - 1 == pytest.approx(samples, abs=4 + overflows)
 
 
-@pytest.mark.parametrize(
-    ("exposure_us", "ok"), [(10_000, True), (2_780, True), (1_500, True), (1_000, False)]
-)
+@pytest.mark.parametrize(("exposure_us", "ok"), [(1_500, True), (1_000, False)])
 def test_doctor_recommends_an_exposure_that_the_slow_board_can_do(
     rig, calibration, exposure_us, ok
 ):

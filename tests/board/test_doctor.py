@@ -41,8 +41,7 @@ def light_of(stage):
 
 
 @pytest.mark.board
-@pytest.mark.parametrize("room", ["default", "daylight"])
-@pytest.mark.parametrize("pressed", [False, True])
+@pytest.mark.parametrize(("room", "pressed"), [("default", False), ("daylight", True)])
 def test_an_led_that_is_not_wired_never_passes(room, pressed):
     with Stage(replaced(load(SensorFile, room), led=UNWIRED)) as stage:
         if pressed:
@@ -55,7 +54,7 @@ def test_an_led_that_is_not_wired_never_passes(room, pressed):
 
 
 @pytest.mark.board
-@pytest.mark.parametrize("room", ["default", "daylight"])
+@pytest.mark.parametrize("room", ["daylight"])
 def test_a_strip_that_nobody_presses_does_not_pass_either(room):
     with Stage(load(SensorFile, room)) as stage:
         asked, verdict = light_of(stage)
@@ -321,9 +320,10 @@ def test_a_strip_that_no_finger_has_calibrated_is_told(chosen, capsys):
 
 
 @pytest.mark.board
-@pytest.mark.parametrize("channel", [0, 3, 5])
-@pytest.mark.parametrize("calibrated", [False, True])
-@pytest.mark.parametrize("counts", [0, 65_535])
+@pytest.mark.parametrize(
+    ("channel", "calibrated", "counts"),
+    [(0, False, 0), (3, True, 0), (5, False, 65_535), (0, True, 65_535)],
+)
 def test_a_channel_that_is_dead_or_full_is_named(channel, calibrated, counts, monkeypatch):
     sensor = load(SensorFile, "default")
     lines = calibrate(sensor) if calibrated else ()

@@ -103,6 +103,7 @@ def test_another_chip_at_the_address_is_not_taken_for_ours(rig):
     assert "not an AS7341 (ID 0x10)" in made.board.command("get")["fault"]
 
 
+@pytest.mark.usefixtures("in_micropython")
 def test_a_crash_of_the_firmware_is_one_sentence(rig, tmp_path):
     made = rig(folder=tmp_path)
     (tmp_path / "main.py").write_text("raise ValueError('boom')\n")

@@ -93,8 +93,9 @@ def steps(frames):
     return {(b - a) % AROUND for a, b in itertools.pairwise(numbers(frames))}
 
 
-@pytest.mark.parametrize("board", BOARDS)
-@pytest.mark.parametrize("error_percent", [-3.0, 0.0, 3.0])
+@pytest.mark.parametrize(
+    ("board", "error_percent"), [(BOARDS[0], -3.0), (BOARDS[0], 3.0), (BOARDS[1], 0.0)]
+)
 def test_a_stall_of_50_ms_loses_no_sample(stalled, board, error_percent):
     made = stalled(board, clock_error_percent=error_percent)
     assert made.get()["fifo"]
@@ -127,8 +128,9 @@ def test_the_fifo_has_the_counts_of_the_data_registers(stalled, board):
     assert found[0] == found[1] == found[2]
 
 
-@pytest.mark.parametrize("overwrites", [False, True])
-@pytest.mark.parametrize("stall_us", [61_000, 70_000, 500_000, 2_000_000])
+@pytest.mark.parametrize(
+    ("stall_us", "overwrites"), [(61_000, False), (70_000, True), (2_000_000, False)]
+)
 def test_an_overflow_is_counted_and_the_fifo_is_used_again(stalled, stall_us, overwrites):
     made = stalled(fifo_overwrites=overwrites, clock_error_percent=2.0)
     made.run(0.5)
@@ -148,6 +150,7 @@ def test_an_overflow_is_counted_and_the_fifo_is_used_again(stalled, stall_us, ov
     assert made.get()["fifo"]
 
 
+@pytest.mark.usefixtures("in_micropython")  # for `busy_us`
 def test_the_samples_of_a_board_that_misses_most_are_whole_and_their_times_right(stalled):
     made = stalled(busy_us=6_000.0, clock_error_percent=1.0)
     ends_us, complete = {}, made.chip._complete
@@ -355,8 +358,11 @@ class RefusingBus:
             raise OSError(protocol.REFUSED, "no acknowledgement of a data byte")
 
 
-@pytest.mark.parametrize("exposure_us", [2_780, 185_000])
-@pytest.mark.parametrize("alone", [False, True], ids=["fifo", "registers"])
+@pytest.mark.parametrize(
+    ("alone", "exposure_us"),
+    [(False, 2_780), (True, 185_000)],
+    ids=["fifo", "registers"],
+)
 def test_a_silently_refused_transfer_gives_no_old_sample(stalled, alone, exposure_us):
     made = stalled(exposure_us=exposure_us, fifo_level_alone=alone)
     made.link.bus = bus = RefusingBus(made.link.bus)

@@ -80,6 +80,7 @@ def test_ten_touches_are_the_ten_keys_as_reports_and_as_frames(plugged):
     assert made.board.command("get")["dropped_reports"] == 0
 
 
+@micropython
 def test_a_finger_that_slides_holds_its_first_key(plugged):
     made = plugged("keys=1")
     made.settle(0.3)
@@ -115,6 +116,7 @@ def test_a_host_that_accepts_nothing_for_a_while_costs_no_report_and_no_sample(p
     assert (state["missed"], state["dropped_reports"]) == (before, 0)
 
 
+@micropython
 def test_a_host_that_sleeps_too_long_finds_no_key_down(plugged):
     made = plugged("keys=1")
     made.settle(0.3)
@@ -164,6 +166,7 @@ def end_with_the_sensor(made):
     made.link.chip.write(bytes((0x80, 0x01)))  # the chip stops sampling
 
 
+@micropython
 @pytest.mark.parametrize(
     "end",
     [

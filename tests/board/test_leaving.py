@@ -18,7 +18,7 @@ from spots_sim.person.typist import fast_typing
 from spots_sim.strip.files import Ambient, Finger, ScenarioFile
 from spots_sim.strip.scenario import Scenario
 
-pytestmark = [pytest.mark.usefixtures("in_cpython"), pytest.mark.board]
+pytestmark = pytest.mark.board
 START_S = 3.0
 DIGITS = "1234567890"
 
@@ -128,7 +128,7 @@ def tap(x_mm, began_s, ended_s, force_mN):
     return press(x_mm, *points)
 
 
-@pytest.mark.parametrize("phase_s", [0.0, 0.002, 0.004, 0.006, 0.008])
+@pytest.mark.parametrize("phase_s", [0.0, 0.004])
 def test_the_light_of_a_finger_that_arrives_does_not_stick(sensor, calibration, phase_s):
     """The second finger begins in the only reading in which no finger touches."""
     first = tap(74.0, phase_s, phase_s + 0.146, 1900)
@@ -142,8 +142,7 @@ def test_the_light_of_a_finger_that_arrives_does_not_stick(sensor, calibration, 
     assert places == pytest.approx([64.4] * len(places), abs=0.4)
 
 
-@pytest.mark.parametrize("percent", [0.0, 1.0])
-@pytest.mark.parametrize("decay_s", [1.0, 30.0])
+@pytest.mark.parametrize(("percent", "decay_s"), [(0.0, 1.0), (1.0, 30.0)])
 def test_a_finger_that_eases_keeps_its_key(sensor, calibration, percent, decay_s):
     eased = press(40, (0, 0), (0.03, 6000), (0.4, 6000), (0.5, 500), (2.0, 500), (2.03, 0))
     events = play(sticking(sensor, percent, decay_s), calibration, [eased])
@@ -151,9 +150,9 @@ def test_a_finger_that_eases_keeps_its_key(sensor, calibration, percent, decay_s
     assert released_s - pressed_s > 1.9
 
 
-@pytest.mark.parametrize("percent", [0.0, 1.0])
-@pytest.mark.parametrize("force_mN", [2000, 6000])
-@pytest.mark.parametrize("paused_s", [0.1, 0.9])
+@pytest.mark.parametrize(
+    ("percent", "force_mN", "paused_s"), [(0.0, 6000, 0.9), (1.0, 2000, 0.1), (1.0, 6000, 0.9)]
+)
 def test_a_finger_that_almost_lifts_and_presses_again_loses_no_key(
     sensor, calibration, percent, force_mN, paused_s
 ):
@@ -167,7 +166,7 @@ def test_a_finger_that_almost_lifts_and_presses_again_loses_no_key(
     assert events.text == "555"
 
 
-@pytest.mark.parametrize("light", [8, 20, 45, 120])
+@pytest.mark.parametrize("light", [8, 120])
 def test_a_lamp_that_is_switched_on_under_a_finger_presses_no_key(sensor, calibration, light):
     for i, x_mm in enumerate((7, 33, 55, 72)):
         held = press(x_mm, (0, 0), (0.03, 2000), (0.5, 2000), (0.53, 0))
@@ -218,8 +217,7 @@ def test_an_object_is_released_after_half_a_minute_with_keys_only(sensor, calibr
     assert len({contact.id for contact in events.contacts}) == 1
 
 
-@pytest.mark.parametrize("light", [20, 45, 120])
-@pytest.mark.parametrize("x_mm", [7, 55])
+@pytest.mark.parametrize(("x_mm", "light"), [(7, 120), (55, 20)])
 def test_a_lamp_under_a_finger_types_nothing_if_the_led_is_always_on(x_mm, light):
     held = press(x_mm, (0, 0), (0.03, 2000), (0.5, 2000), (0.53, 0))
     lamp = Ambient(steps=[(0, 0), (START_S + 0.2, light)])

@@ -213,11 +213,10 @@ def under(parent, alive):
 
 KILLED = "the starter", "the simulator"
 COPIED = "", "copied"  # whether another process has inherited the simulator's pipe
-# Each pair of a state, a killed process and a pipe occurs.
+# Each state, and each pair of a killed process and a pipe, occurs.
 ENDS = [
-    pytest.param(state, KILLED[k], COPIED[(s + k) % 2], id=f"{name}, {KILLED[k]} is killed")
+    pytest.param(state, KILLED[s % 2], COPIED[s // 2], id=f"{name}, {KILLED[s % 2]} is killed")
     for s, (name, state) in enumerate(STATES.items())
-    for k in range(2)
 ]
 
 

@@ -48,8 +48,7 @@ def test_a_board_of_before_has_its_led_on_the_sensor(rig, board):
     assert (info["led"], info["led_mA"]) == ("ldr", 20)
 
 
-@pytest.mark.parametrize("board", BOARDS)
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("board", "kind"), [*zip(BOARDS, KINDS)])
 def test_the_breakouts_own_led_stays_off(rig, kind, board):
     made = lit(rig, kind, board=board)
     driven = []
@@ -63,8 +62,7 @@ def test_the_breakouts_own_led_stays_off(rig, kind, board):
     assert set(driven) == {0.0}
 
 
-@pytest.mark.parametrize("board", BOARDS)
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("board", "kind"), [*zip(BOARDS, KINDS)])
 def test_a_press_is_seen_by_the_light_of_any_led(rig, kind, board):
     made = lit(rig, kind, board=board)
     dark = [sum_ / DARK_SAMPLES for sum_ in made.board.command("dark", timeout_s=30)["dark"]]
@@ -87,8 +85,7 @@ def test_a_pin_switches_the_led_off_for_dark_frames_and_when_another_kind_is_set
     assert not world._pin_on
 
 
-@pytest.mark.parametrize("board", BOARDS)
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("board", "kind"), [*zip(BOARDS, KINDS)])
 def test_auto_moves_gain_and_exposure_alone(rig, kind, board):
     made = lit(rig, kind, board=board)
     made.press(2.0, 8_000)

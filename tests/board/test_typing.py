@@ -30,6 +30,7 @@ START_S = 3.0
 SETTLED_S = 0.6
 DIGITS = "1234567890"
 STRAIN = 0.15
+TAPS = 300
 
 
 class Events:
@@ -110,11 +111,10 @@ def tapped(x_mm, start_s, held_s=0.1, rise_s=0.02, force_mN=1500, slip_mm=0.0):
     )
 
 
-@pytest.mark.usefixtures("in_cpython")
-def test_a_thousand_random_taps_on_ten_keys(play):
-    """At least 999 taps are right, none is repeated or stuck; most need two samples."""
+def test_random_taps_on_ten_keys(play):
+    """All taps are right, none is repeated or stuck; most need two samples."""
     somebody = typist(5, pause_s=(0.08, 0.2))
-    text = "".join(np.random.default_rng(6).choice(list(DIGITS), 1000))
+    text = "".join(np.random.default_rng(6).choice(list(DIGITS), TAPS))
     somebody.type(text)
     typed = play(somebody.touches)
     assert typed.presses == len(typed.text) == len(text)
@@ -127,11 +127,11 @@ def test_a_thousand_random_taps_on_ten_keys(play):
         seen_s, began_s
     )
     print(
-        f"{right} of 1000 right; a key comes with reading {samples.max()} of its touch at the "
+        f"{right} of {TAPS} right; a key comes with reading {samples.max()} of its touch at the "
         f"latest; {np.median(late_ms):.1f} ms after the first contact in the median, "
         f"{late_ms.max():.1f} ms at most, at 10 ms an exposure and 20 ms to full force"
     )
-    assert right >= 999
+    assert right == TAPS
     # One finger in fifteen looks like two in its second sample; then a third one decides.
     assert np.mean(samples > 2) < 0.08
     assert np.mean(samples > 3) < 0.015
@@ -210,7 +210,7 @@ def test_on_a_strip_that_is_stretched(play, stretched):
     assert typed.text == text
 
 
-@pytest.mark.parametrize("level_uW_cm2", [0.02, 0.2, 2.0])
+@pytest.mark.parametrize("level_uW_cm2", [0.02, 2.0])
 def test_a_lamp_that_is_switched_on_types_nothing_and_stops_nobody_for_long(play, level_uW_cm2):
     before, after = typist(9), typist(10)
     before.type("123")

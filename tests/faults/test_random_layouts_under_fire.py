@@ -28,7 +28,7 @@ from spots_sim.strip.scenario import Scenario
 
 pytestmark = pytest.mark.board
 
-MINUTES = int(os.environ.get("SPOTS_FIRE_MINUTES", "4"))
+MINUTES = int(os.environ.get("SPOTS_FIRE_MINUTES", "2"))
 START_S, REST_S = 4.0, 3.0  # the last seconds of a minute are without fingers
 MINUTE_S = 60.0
 LATE_S = 0.06

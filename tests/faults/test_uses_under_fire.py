@@ -93,7 +93,7 @@ class Run:
         link.usb.offer = watched
 
 
-@pytest.fixture(scope="module", params=[1, 2])
+@pytest.fixture(scope="module", params=[1])
 def run(request, sensor, calibration, tmp_path_factory):
     return Run(sensor, calibration, request.param, tmp_path_factory.mktemp("fire"))
 
