@@ -73,10 +73,7 @@ def errors_mm(strip, lines):
     return np.mean(off), np.max(off)
 
 
-@pytest.mark.parametrize(
-    "contact",
-    [{"gap_percent": -9.0}, {"mode_percent": 5.5}, {"gap_percent": 4.5, "mode_percent": 2.5}],
-)
+@pytest.mark.parametrize("contact", [{"gap_percent": 4.5, "mode_percent": 2.5}])
 def test_presses_by_hand_show_the_colour_of_the_force(contact):
     strips = [Strip(exposure_us=10_000, seed=20 + seed, **contact) for seed in range(HANDS)]
     lines = [calibrated(strip, 20 + seed) for seed, strip in enumerate(strips)]

@@ -36,7 +36,7 @@ class Light(StagePresser):
 
 
 @pytest.mark.board
-@pytest.mark.parametrize("keys", [{"contact.gap_percent": 9.0}, {"contact.mode_percent": -4.0}])
+@pytest.mark.parametrize("keys", [{"contact.gap_percent": 9.0, "contact.mode_percent": -2.0}])
 def test_light_and_firm_presses_give_the_same_re_zero(sensor, keys):
     with Rig(with_keys(sensor, keys), 2, 50_000, 1) as rig:
         assert has_cross(rig.lines)

@@ -17,8 +17,8 @@ def real():
 
 @pytest.mark.board
 def test_a_cold_strip_that_was_re_zeroed_once_types_what_was_touched(real):
-    figures = typing(real, 0.5, 0, True)
-    assert figures["right"] == figures["touches"] > 60
+    figures = typing(real, 0.2, 0, True)
+    assert figures["right"] == figures["touches"] > 25
     assert figures["extra"] == figures["stuck"] == 0
     assert figures["host_agrees"]
 

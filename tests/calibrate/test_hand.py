@@ -113,7 +113,7 @@ def test_wrong_answers_are_named_and_their_presses_asked_for_again(sensor, tmp_p
 
 
 @pytest.mark.board
-@pytest.mark.parametrize(("kind", "most"), [("rough", 12), ("fine", 45)])
+@pytest.mark.parametrize(("kind", "most"), [("rough", 12)])
 def test_repeated_presses_replace_others(sensor, tmp_path, kind, most):
     path = tmp_path / "a.jsonl"
     with Stage(sensor, seed=3, settings=LONG) as stage:

@@ -76,7 +76,7 @@ def test_the_second_force_of_an_unloading_gives_light(loads):
 
 
 @pytest.mark.board
-@pytest.mark.parametrize("model", ["spectrum", "power"])
+@pytest.mark.parametrize("model", ["power"])
 def test_a_session_with_a_kitchen_scale_compensates_the_silicone(sensor, session, model):
     sensor = strip(sensor, model)
     _, (room, made, error_um) = session(model)
