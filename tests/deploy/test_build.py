@@ -3,6 +3,7 @@
 import ast
 import json
 import re
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -108,12 +109,20 @@ def test_a_traceback_names_file_and_function(built):
     assert place == ("board/start", "run")
 
 
-@pytest.mark.parametrize("module", VIPER)
-def test_boards_get_machine_code_without_any_correction_of_signs(module):
-    text = (Path(spots_device.__file__).parent / f"{module}_viper.py").read_text(encoding="utf-8")
-    code = text.split('"""')[2]
-    assert code.count("^ sign") == code.count(builder._SIGN[0]) > 0
-    assert "^ sign" not in code.replace(*builder._SIGN)
+def test_boards_get_machine_code_without_any_correction_of_signs(tmp_path):
+    """Fails if a build keeps a part of a correction, or omits more than corrections."""
+    folders = corrected, without = tmp_path / "corrected", tmp_path / "without"
+    for folder in folders:
+        shutil.copytree(Path(spots_device.__file__).parent, folder)
+    omitted = 0
+    for path in without.rglob("*_viper.py"):
+        code = path.read_text(encoding="utf-8")
+        omitted += code.count("^ _SIGN")
+        path.write_text(code.replace(" ^ _SIGN) - _SIGN", ")"), encoding="utf-8")
+    inline(corrected, builder._WORDS_OF_32_BITS)
+    inline(without)
+    assert files_of(corrected) == files_of(without)
+    assert omitted > 20
 
 
 @pytest.mark.board

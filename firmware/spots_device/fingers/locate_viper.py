@@ -11,6 +11,8 @@ import micropython
 from ..reading.log2 import GUARD, TABLE, Q
 from . import state as c
 
+_SIGN = 1 << 31
+
 
 @micropython.viper
 def power(exponent: int) -> int:
@@ -38,9 +40,9 @@ def estimate(state: ptr32, at_um: int, first: int, fits: int) -> int:
     sign = 1
     sign <<= 31
     decay = state[c.DECAY]
-    x_um = (state[c.X_NOW_UM] ^ sign) - sign
+    x_um = (state[c.X_NOW_UM] ^ _SIGN) - _SIGN
     off_um = x_um - at_um
-    brightness = (state[c.B_NOW] ^ sign) - sign
+    brightness = (state[c.B_NOW] ^ _SIGN) - _SIGN
     first = int(power(first)) >> 6
     at_um = off_um
     # A condition is often the sign bit of differences, because a comparison takes more flash.
@@ -126,8 +128,6 @@ def estimate(state: ptr32, at_um: int, first: int, fits: int) -> int:
 def light(s: ptr32, away_um: int, is_now: int) -> int:
     # The last reading is at `LATE`, the present one two elements later.
     late = ptr32(uint(s) + 4 * c.LATE)
-    sign = 1
-    sign <<= 31
     two_to = power
     found = 0
     far = late[c.DECAY - c.LATE] * away_um
@@ -141,12 +141,12 @@ def light(s: ptr32, away_um: int, is_now: int) -> int:
     far = int(two_to(far))
     at = is_now * (c.X_NOW_UM - c.LATE)
     while at <= c.X_NOW_UM - c.LATE:
-        share = ((((late[at] ^ sign) - sign) - ((s[c.X_UM] ^ sign) - sign)) << 10) // away_um
+        share = ((((late[at] ^ _SIGN) - _SIGN) - ((s[c.X_UM] ^ _SIGN) - _SIGN)) << 10) // away_um
         remainder = 1024 - share
         lost = (((share * remainder >> 12) * bend) >> 8) * 69
         if lost > 1 << 20:
             lost = 1 << 20
-        lost += (late[at + 1] ^ sign) - sign
+        lost += (late[at + 1] ^ _SIGN) - _SIGN
         found = (int(two_to(lost)) & -64) // ((1024 + far * share // remainder) >> 4) - found
         at += c.X_NOW_UM - c.LATE
     return found

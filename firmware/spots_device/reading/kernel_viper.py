@@ -3,8 +3,8 @@
 The code is correct with words of 32 bits and of 64 bits. With 64 bits, ``ptr32`` loads unsigned
 values: a negative number is then too large by 2**32, and results are too large by multiples of
 2**32. ``ptr32`` stores the lower 32 bits, which are always correct. Where the sign matters, ``(x ^
-sign) - sign`` corrects a number just loaded, with ``sign = 1 << 31``; with 32 bits it changes
-nothing.
+_SIGN) - _SIGN`` corrects a number just loaded. With 32 bits, it changes nothing: a build for boards
+omits it.
 
 No index and no argument is checked. A call takes as long as about fifty additions, and the look-up
 of a name or attribute takes as long as twenty. So a sample takes two calls, `process` and `frame`,
@@ -20,6 +20,8 @@ from . import decode as d
 from .log2 import GUARD, TABLE, Q
 from .lone import begin, confirm, is_doubtful, learn, move
 from .sticking import unstick
+
+_SIGN = 1 << 31
 
 
 def _crc_table():
@@ -43,8 +45,6 @@ def process(work, flags: int) -> int:
     tables = ptr32(work[d.TABLES])
     counts = ptr32(work[d.COUNTS])
     head = ptr32(work[d.HEAD])
-    sign = 1
-    sign <<= 31
     taken = state[d.TAKEN]
     state[d.TAKEN] = taken + 1
     for i in range(CHANNELS):
@@ -114,10 +114,10 @@ def process(work, flags: int) -> int:
         first = d.WEIGHTS
         for row in range(4):
             if row == 2:
-                at = (state[d.COARSE_SUM] ^ sign) - sign
+                at = (state[d.COARSE_SUM] ^ _SIGN) - _SIGN
                 state[d.CONTRAST] = at
                 first = (d.BOUNDS - 2) + 2 * tables[d.SEGMENTS]
-                while first > d.BOUNDS and at < (tables[first] ^ sign) - sign:
+                while first > d.BOUNDS and at < (tables[first] ^ _SIGN) - _SIGN:
                     first -= 2
                 first = tables[first + 1]
             high = 0
@@ -129,26 +129,26 @@ def process(work, flags: int) -> int:
                 low += weight * (n & 8191)
                 first += 1
             state[d.FOUND] = low
-            state[d.COARSE_SUM + row] = high + (((state[d.FOUND] ^ sign) - sign) >> 13)
+            state[d.COARSE_SUM + row] = high + (((state[d.FOUND] ^ _SIGN) - _SIGN) >> 13)
 
         # Row 0: the segment's table of positions; row 1: the table of forces.
         beyond = 0
         over_um = 0
-        cross = (tables[d.CROSS] ^ sign) - sign
-        at = (state[d.CONTRAST_SUM] ^ sign) - sign
+        cross = (tables[d.CROSS] ^ _SIGN) - _SIGN
+        at = (state[d.CONTRAST_SUM] ^ _SIGN) - _SIGN
         for row in range(2):
             knots = tables[first]
             low = first + 1
             high = first + knots
             while high - low > 1:
                 n = (low + high) >> 1
-                if at < (tables[n] ^ sign) - sign:
+                if at < (tables[n] ^ _SIGN) - _SIGN:
                     high = n
                 else:
                     low = n
-            n = (tables[low] ^ sign) - sign
+            n = (tables[low] ^ _SIGN) - _SIGN
             at -= n
-            width = (tables[low + 1] ^ sign) - sign - n
+            width = (tables[low + 1] ^ _SIGN) - _SIGN - n
             half = width >> 1
             if row:
                 if at > width + d.BEYOND_Q20:
@@ -164,7 +164,7 @@ def process(work, flags: int) -> int:
             if row == 0 and n and cross:
                 # How far the contrast is beyond the table.
                 state[d.FOUND] = tables[low + knots + 1] - tables[low + knots]
-                over_um = (state[d.FOUND] ^ sign) - sign
+                over_um = (state[d.FOUND] ^ _SIGN) - _SIGN
                 if n > width or n + width < 0:
                     n = n if over_um > 0 else 0 - n
                     over_um = d.OUTSIDE_UM if n > 0 else 0 - d.OUTSIDE_UM
@@ -177,31 +177,33 @@ def process(work, flags: int) -> int:
                 low += knots
                 n = tables[low]
                 state[d.FOUND + i] = tables[low + 1] - n
-                state[d.FOUND + i] = n + (at * ((state[d.FOUND + i] ^ sign) - sign) + half) // width
+                state[d.FOUND + i] = (
+                    n + (at * ((state[d.FOUND + i] ^ _SIGN) - _SIGN) + half) // width
+                )
             if row == 0:
                 state[d.BRIGHTNESS] = (
                     state[d.BRIGHTNESS_SUM] - state[d.LOG_SAMPLES] - state[d.FOUND + 2]
                 )
-                at = (state[d.BRIGHTNESS] ^ sign) - sign
+                at = (state[d.BRIGHTNESS] ^ _SIGN) - _SIGN
                 first = tables[d.FORCES]
-                if at < (tables[first + 1] ^ sign) - sign:
+                if at < (tables[first + 1] ^ _SIGN) - _SIGN:
                     flags |= d.TOO_DARK
                     break
                 state[d.POSITION_UM] = state[d.FOUND]
-                n = (state[d.MISFIT_SUM] ^ sign) - sign
+                n = (state[d.MISFIT_SUM] ^ _SIGN) - _SIGN
                 state[d.MISFIT_Q12] = (n >> 8) - state[d.FOUND + 1]
         if flags & d.TOO_DARK:
             break
         state[d.FORCE_MN] = state[d.FOUND]
-        tolerance = (state[d.FOUND + 1] ^ sign) - sign
+        tolerance = (state[d.FOUND + 1] ^ _SIGN) - _SIGN
         state[d.TOLERANCE_Q12] = tolerance
         if cross:
-            n = (state[d.FOUND + 2] ^ sign) - sign
-            at = (state[d.FOUND + 4] ^ sign) - sign
+            n = (state[d.FOUND + 2] ^ _SIGN) - _SIGN
+            at = (state[d.FOUND + 4] ^ _SIGN) - _SIGN
             state[d.MISFIT_Q12] = state[d.MISFIT_Q12] - ((at * n) >> 12)
-            at = (state[d.FOUND + 3] ^ sign) - sign
+            at = (state[d.FOUND + 3] ^ _SIGN) - _SIGN
             at = (at * n) >> 12
-            at += ((state[d.POSITION_UM] ^ sign) - sign) + over_um
+            at += ((state[d.POSITION_UM] ^ _SIGN) - _SIGN) + over_um
             half = cross >> d.FAR_LOG2
             if at + half < 0 or at > cross + half:
                 beyond = d.TOO_DARK
@@ -211,15 +213,15 @@ def process(work, flags: int) -> int:
                 at = cross
             state[d.POSITION_UM] = at
 
-        misfit = (state[d.MISFIT_Q12] ^ sign) - sign
+        misfit = (state[d.MISFIT_Q12] ^ _SIGN) - _SIGN
         # A number n is within the tolerance if n + tolerance, unsigned, is at most twice it.
         most = uint(2 * tolerance)
         if uint(misfit + tolerance) > most:
             flags |= d.MISFIT
         late = ptr32(uint(state) + 4 * d.LATE)
         off = (state[d.POSITION_UM] - late[d.MIDDLE_UM - d.LATE]) >> 10
-        off = (((state[d.SLOPE] ^ sign) - sign) * off) >> 10
-        off = misfit - ((state[d.DRIFT] ^ sign) - sign) - off
+        off = (((state[d.SLOPE] ^ _SIGN) - _SIGN) * off) >> 10
+        off = misfit - ((state[d.DRIFT] ^ _SIGN) - _SIGN) - off
         if off > d.OFF_MAX:
             off = d.OFF_MAX
         if off + d.OFF_MAX < 0:
@@ -234,8 +236,8 @@ def process(work, flags: int) -> int:
         least_mN = state[d.TOUCH_OFF_MN]
         step = 0
         if touching:
-            n = (state[d.BRIGHTNESS] ^ sign) - sign
-            if n < ((state[d.PEAK] ^ sign) - sign) - d.LEFT:
+            n = (state[d.BRIGHTNESS] ^ _SIGN) - _SIGN
+            if n < ((state[d.PEAK] ^ _SIGN) - _SIGN) - d.LEFT:
                 step = 1
             if (
                 flags & d.MISFIT
@@ -285,8 +287,8 @@ def process(work, flags: int) -> int:
             n = at - late[d.X_FIRM_UM - d.LATE]
             if n > d.MOVED_UM or n + d.MOVED_UM < 0:
                 move(work[d.STATE])
-            n = (late[d.MEAN - d.LATE] ^ sign) - sign
-            n += ((((state[d.OFF_Q12] ^ sign) - sign) << 4) - n) >> 2
+            n = (late[d.MEAN - d.LATE] ^ _SIGN) - _SIGN
+            n += ((((state[d.OFF_Q12] ^ _SIGN) - _SIGN) << 4) - n) >> 2
             late[d.MEAN - d.LATE] = n
             late[d.X_FIRM_UM - d.LATE] = at
             n = state[d.TOLERANCE_Q12]
@@ -300,7 +302,7 @@ def process(work, flags: int) -> int:
     half = us >> 1
     state[d.FOUND] = head[d.TIME_LOW] + head[d.LESS_US] - half
     head[d.LESS_US] = half
-    n = (state[d.FOUND] ^ sign) - sign
+    n = (state[d.FOUND] ^ _SIGN) - _SIGN
     head[d.TIME_HIGH] = (head[d.TIME_HIGH] + (n >> 16)) & 0xFFFF
     head[d.TIME_LOW] = n & 0xFFFF
     use = work[d.USE]

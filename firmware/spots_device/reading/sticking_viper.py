@@ -1,7 +1,7 @@
 """The functions of sticking.py in machine code, for boards with ``viper = true``.
 
-As in kernel_viper.py, the code is correct with words of 32 bits and of 64 bits: ``(x ^ sign) -
-sign`` corrects a number that was just loaded and may be negative.
+As in kernel_viper.py, the code is correct with words of 32 bits and of 64 bits: ``(x ^ _SIGN) -
+_SIGN`` corrects a number that was just loaded and may be negative.
 """
 
 import micropython
@@ -9,11 +9,11 @@ import micropython
 from ..sensor.smux import CHANNELS
 from . import decode as d
 
+_SIGN = 1 << 31
+
 
 @micropython.viper
 def unstick(state: ptr32, flags: int, lasted_us: int):
-    sign = 1
-    sign <<= 31
     stuck = state[d.STUCK]
     was_used = 0
     if stuck >= d.STUCK_LEAST:
@@ -32,13 +32,13 @@ def unstick(state: ptr32, flags: int, lasted_us: int):
             state[d.STICK + i] = n
             stuck += n >> 4
         state[d.STUCK] = stuck
-    agree = (state[d.AGREE] ^ sign) - sign
+    agree = (state[d.AGREE] ^ _SIGN) - _SIGN
     # Each `break` ends the comparison.
     while True:
         if flags & d.TOUCHING:
             light = state[d.LIGHT] // state[d.SAMPLES]
-            n = (state[d.BRIGHTNESS] ^ sign) - sign
-            if agree or n > (state[d.PEAK] ^ sign) - sign:
+            n = (state[d.BRIGHTNESS] ^ _SIGN) - _SIGN
+            if agree or n > (state[d.PEAK] ^ _SIGN) - _SIGN:
                 state[d.PEAK] = n
             if agree or light > state[d.PEAK_LIGHT]:
                 state[d.PEAK_LIGHT] = light
@@ -77,7 +77,7 @@ def unstick(state: ptr32, flags: int, lasted_us: int):
         state[d.AGREE] = agree
         stuck = 0
         for i in range(CHANNELS):
-            n = (state[d.LOGS + i] ^ sign) - sign
+            n = (state[d.LOGS + i] ^ _SIGN) - _SIGN
             n = state[d.STICK + i] + n // agree
             if n < 0:
                 n = 0

@@ -12,9 +12,8 @@ from ..errors import FileError, RequirementError, missing
 from . import constants, manifest
 from .staging import CONFIG, Device, device_of, stage
 
-# Source text in kernel_viper.py that corrects the sign of a number on computers with 64-bit words,
-# and its replacement for boards: with their 32-bit words, the correction changes nothing.
-_SIGN = " ^ sign) - sign", ")"
+# Machine code for words of 64 bits corrects the sign of loaded numbers; boards have 32 bits.
+_WORDS_OF_32_BITS = {"_SIGN": 0}
 
 
 class MpyHeader(NamedTuple):
@@ -75,7 +74,7 @@ def _build(device: Device, target: Path, strips: int) -> None:
         fresh.mkdir()
         stage(device.name, fresh, strips)
         package = fresh / "spots_device"
-        constants.inline(package)
+        constants.inline(package, _WORDS_OF_32_BITS)
         # CircuitPython does not load the files of MicroPython's mpy-cross.
         if device.runtime == "micropython":
             _compile(package, device)
@@ -116,8 +115,6 @@ def _compile(package: Path, device: Device) -> None:
         # A traceback on the board shows this name of the module. -O3 omits line numbers, which take
         # 7 % of flash and heap.
         name = source.relative_to(package).with_suffix("").as_posix()
-        code = source.read_text(encoding="utf-8")
-        source.write_text(code.replace(*_SIGN), encoding="utf-8")
         run = subprocess.run(
             [*command, "-O3", "-s", name, str(source)], capture_output=True, text=True, check=False
         )

@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 import re
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,14 +23,15 @@ _FUNCTIONS = {"range": range, "const": lambda value: value}  # usable in the val
 _POINTERS = ("ptr8", "ptr16", "ptr32")  # viper's casts of an object to the address of its data
 
 
-def inline(package: Path) -> None:
+def inline(package: Path, given: Mapping[str, int] | None = None) -> None:
     """Replace integer constants by their values; remove their definitions and imports.
 
     A constant has a name in capitals, and only one assignment in its module. Its value is computed
     from numbers and other constants. A module may import a constant by its name, or its module:
     ``from . import state as c`` and ``c.X_UM``. A name that is an attribute of anything else than a
     module of the package is not changed, nor are the constants of the package's module
-    ``__init__``.
+    ``__init__``. `given` has other values for constants, by their names. ``x ^ C`` and ``x - C``
+    become ``x`` if C is 0.
 
     The modules of the package are changed in place. SpotsError if a function in machine code looks
     up a name in capitals that is no constant.
@@ -45,7 +47,7 @@ def inline(package: Path) -> None:
     while found != sum(len(module.values) for module in modules.values()):
         found = sum(len(module.values) for module in modules.values())
         for name, module in modules.items():
-            module.evaluate(name, modules, attributes)
+            module.evaluate(name, modules, attributes, given or {})
     for name, module in modules.items():
         module.replace_names(name)
 
@@ -59,6 +61,7 @@ class _Module(Source):
         nodes = list(ast.walk(self.tree))  # a single walk, as it takes most of the time of a build
         self._attributes = [node for node in nodes if isinstance(node, ast.Attribute)]
         self._names = [node for node in nodes if isinstance(node, ast.Name)]
+        self._operations = [node for node in nodes if isinstance(node, ast.BinOp)]
         self._imports = [node for node in nodes if isinstance(node, ast.ImportFrom) and node.level]
         stored = Counter(node.id for node in self._names if isinstance(node.ctx, ast.Store))
         self._once = {name for name, times in stored.items() if times == 1}
@@ -90,11 +93,13 @@ class _Module(Source):
         is_name = isinstance(node.value, ast.Name)
         return self._modules.get(node.value.id) if is_name else None
 
-    def evaluate(self, name: str, modules: dict[str, _Module], kept: set[str]) -> None:
+    def evaluate(
+        self, name: str, modules: dict[str, _Module], kept: set[str], given: Mapping[str, int]
+    ) -> None:
         """Find the values of the constants that the module defines or imports.
 
-        `name` and `modules` are as in `resolve`. `kept` contains the names that must not be
-        replaced by values.
+        `name` and `modules` are as in `resolve`, `given` is as in `inline`. `kept` contains the
+        names that must not be replaced by values.
         """
         for node in self._imports:
             origin = modules.get("/".join(_origin(node, name)))
@@ -123,7 +128,7 @@ class _Module(Source):
             except (AttributeError, NameError, TypeError):
                 continue
             if found.keys() == names and all(type(one) is int for one in found.values()):
-                self.values |= found
+                self.values |= {one: given.get(one, value) for one, value in found.items()}
                 self._removed[node] = "pass"
 
     def replace_names(self, name: str) -> None:
@@ -141,6 +146,10 @@ class _Module(Source):
         used |= {node: self.values[node.id] for node in self._names if node.id in self.values}
         values = {node: f"({value})" for node, value in used.items() if node not in inside}
         self._check_machine_code(name, {*values, *replaced})
+        for node in self._operations:
+            if values.get(node.right) == "(0)" and isinstance(node.op, (ast.BitXor, ast.Sub)):
+                del values[node.right]
+                self.omit_right(node)
         for node, text in (self._removed | values).items():
             self.replace(
                 (node.lineno, node.col_offset), (node.end_lineno, node.end_col_offset), text

@@ -27,8 +27,19 @@ class Source:
         `first` and `end` are line number and column of the first character, and of the character
         after the last.
         """
-        start, stop = (self._before[line - 1] + column for line, column in (first, end))
-        self._changes.append((start, stop, text.encode()))
+        self._changes.append((self._at(*first), self._at(*end), text.encode()))
+
+    def omit_right(self, node: ast.BinOp) -> None:
+        """Omit the operator ``^`` or ``-`` of an operation, and its right operand."""
+        left = self._at(node.left.end_lineno, node.left.end_col_offset)
+        right = self._at(node.right.lineno, node.right.col_offset)
+        # Between the operands there may be parentheses, too.
+        kept = self._text[left:right].rstrip(b" ^-\n")
+        stop = self._at(node.right.end_lineno, node.right.end_col_offset)
+        self._changes.append((left + len(kept), stop, b""))
+
+    def _at(self, line: int, column: int) -> int:
+        return self._before[line - 1] + column
 
     def write(self) -> None:
         """Write the module's file again, with all replacements."""
