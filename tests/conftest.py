@@ -13,11 +13,13 @@ import signal
 import subprocess
 import sys
 from contextlib import contextmanager
+from importlib import metadata
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+from spots.common import toml
 from spots.deploy.build import build
 from spots_sim.board.kept_folder import FOLDER
 from spots_sim.person.stage import calibrate
@@ -67,12 +69,24 @@ _pure = []  # the pure test that runs
 
 def pytest_configure(config):
     """Declare the tiers, and let a pure test fail that starts a process."""
+    _check_environment()
     for name, words in TIERS.items():
         config.addinivalue_line("markers", f"{name}: {words}")
     # An audit hook would do the same, but Python calls it for every open file and import.
     for owner, name in STARTS:
         if hasattr(owner, name):
             setattr(owner, name, _watched(getattr(owner, name)))
+
+
+def _check_environment():
+    """End if pyproject.toml has other entry points than are installed: nothing would find them."""
+    about = toml.loads((STAND_INS.parents[1] / "pyproject.toml").read_text(encoding="utf-8"))
+    groups = about["project"]["entry-points"].items()
+    installed = metadata.distribution("spots-tactile").entry_points
+    wanted = {(group, *one) for group, named in groups for one in named.items()}
+    if wanted - {(one.group, one.name, one.value) for one in installed}:
+        remedy = "run '.venv/bin/pip install -e .', or 'make .venv/test'"
+        pytest.exit(f"the check failed whether .venv has all entry points: {remedy}", 2)
 
 
 def _watched(start):

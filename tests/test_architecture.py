@@ -156,7 +156,8 @@ def test_a_package_that_is_used_alone_names_no_package_beside_it(package):
 
 def test_the_host_package_names_no_kind_of_port_of_the_packages_beside_it():
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    ports = re.findall(r'^"?(\w+)[\w.-]*"? = "(\w+)\.(?:\w+\.)*\w+"$', text, re.MULTILINE)
+    text = text.partition('[project.entry-points."spots.ports"]')[2].partition("[project.")[0]
+    ports = re.findall(r'^"?(\w+)[\w.-]*"? = "(\w+)\.[\w.]+:\w+"$', text, re.MULTILINE)
     guests = {scheme for scheme, package in ports if package in {*OURS} - {"spots"}}
     assert guests == {"virtual", "zenoh"}
     named = re.compile(rf"\b({'|'.join(guests)})\b")
@@ -194,10 +195,10 @@ def test_tests_share_code_only_through_the_package_support():
     assert len(tests) > 100  # the test finds them
 
 
-def test_packages_plug_in_by_three_groups_of_entry_points():
+def test_packages_plug_in_by_four_groups_of_entry_points():
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     groups = re.findall(r'^\[project\.entry-points\."(.+)"\]$', text, re.MULTILINE)
-    assert groups == ["spots.ports", "spots.commands", "spots.panels"]
+    assert groups == ["spots.ports", "spots.abilities", "spots.commands", "spots.panels"]
     section = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8").partition("## Entry points")[2]
     assert re.findall(r"^- `(spots\.\w+)`", section.partition("\n## ")[0], re.MULTILINE) == groups
 

@@ -29,7 +29,7 @@ COMMANDS = [name for name in PRESENT if not name.startswith("examples/")]
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#([^)]+))?\)")
 NAMED = re.compile(r"`((?:host|firmware|tests|docs|boards|examples)/[a-z0-9_./-]+)`")
 DOTTED = re.compile(r"`(spots(?:_\w+)?(?:\.[a-z]\w*)+(?:\.\w+)*)")
-GROUPS = {"spots.commands", "spots.panels", "spots.ports"}  # of entry points
+GROUPS = {"spots.abilities", "spots.commands", "spots.panels", "spots.ports"}  # of entry points
 COMMAND = re.compile(r"`(spots [a-z][^`]*)`")
 # Placeholders such as FILE, and optional parts such as [--json].
 PLACEHOLDER = re.compile(r"…|\.\.\.|\[|\||\b[A-Z]{2,}\b(?![a-z])")

@@ -78,13 +78,7 @@ def twin_command(options: argparse.Namespace) -> None:
                     "pressed at the same time"
                 )
     else:
-        run = offered("virtual", "run_linkage")
-        if run is None:
-            raise SettingError(
-                "there is no simulator for a linkage: name the linkage file of real boards with "
-                "--linkage"
-            )
-        run(options)
+        offered("virtual", "run_linkage")(options)
 
 
 def show(

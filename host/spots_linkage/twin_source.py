@@ -18,7 +18,7 @@ from spots.link.connect import (
 )
 from spots.link.frames import Touch
 from spots.link.lines import of_sensor
-from spots.link.ports import offered, scheme, scheme_name
+from spots.link.ports import offered, scheme_name
 from spots.link.replies import Hello
 from spots.recording.replay import open_recording
 from spots_device.board.settings import checksum
@@ -92,7 +92,8 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
     with ExitStack() as stack:
         if any(played):
             boards = [
-                stack.enter_context(open_recording(scheme(port)[1], math.inf)) for port in ports
+                stack.enter_context(open_recording(port.partition(":")[2], math.inf))
+                for port in ports
             ]
         elif ports:
             boards = [stack.enter_context(open(port)) for port in ports]
@@ -172,8 +173,8 @@ class DrivenLinkage(Protocol):
 def linkage_factory(ports: list[str]):
     """Return a function that makes a `DrivenLinkage`, or None if no port has such a function.
 
-    A port's module may have this function under the name `linkage`, see `link.ports`. The first
-    port that has the function is used.
+    It is the ability ``linkage(options)`` of a kind of port, see `link.ports`. The first port that
+    has it is used.
     """
     return next(filter(None, (offered(port, "linkage") for port in ports)), None)
 

@@ -7,7 +7,7 @@ from spots.cli import arguments
 from spots.cli.parser import Parser, calls
 
 from . import outlet
-from .port import add_options
+from .options import add_options
 
 PURPOSE = "share a board over the network"
 

@@ -15,8 +15,8 @@ from spots.link.board import Board
 from spots.link.connect import open_named
 from spots.link.frames import Contact, Key, Spectrum, Touch
 
+from .options import configure
 from .outlet import DEFAULT, Outlet, maker
-from .port import configure
 from .ros2.naming import Qos, checked_name, ros_domain
 
 _TURN_S = 0.05  # longest time between two turns of the outlets

@@ -4,7 +4,7 @@ from argparse import Namespace
 
 from spots.link.board import Board
 
-from .port import configure
+from .options import configure
 from .ros2.naming import ros_domain
 from .zenoh_link import ZenohLink
 from .zenoh_session import find, open_session

@@ -20,7 +20,7 @@ from spots.terminal.view import Pace, plain
 
 from .mailbox import Mailbox
 from .optional import zenoh
-from .port import configure
+from .options import configure
 from .ros2.messages import DIAGNOSTICS, types
 from .ros2.naming import ros_domain, short_name
 from .ros2.types import own, store, topic

@@ -10,7 +10,7 @@ from spots.cli import arguments
 from spots.cli.parser import Parser
 from spots.errors import SettingError
 
-from .port import add_options
+from .options import add_options
 
 PURPOSE = "simulate, without hardware"
 

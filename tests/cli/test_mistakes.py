@@ -226,7 +226,7 @@ def test_toml_that_no_reader_takes_is_one_sentence(capsys, tmp_path, text, says)
 
 @pytest.mark.parametrize("entries", ["none", "broken"])
 def test_a_virtual_board_without_the_simulator_names_the_package(entries, monkeypatch, capsys):
-    broken = EntryPoint("virtual", "spots_sim.not_there", "spots.ports")
+    broken = EntryPoint("virtual", "spots_sim.not_there:open_port", "spots.ports")
     found = {"none": [], "broken": [broken]}[entries]
     monkeypatch.setattr(ports, "entry_points", lambda **which: found)
     assert main(["monitor", "--port", "virtual"]) == 2

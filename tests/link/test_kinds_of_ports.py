@@ -11,7 +11,7 @@ NAMES = "tape.FILE.read-only", "radio.ADDRESS.comes-and-goes", "model"
 
 @pytest.fixture(autouse=True)
 def installed(monkeypatch):
-    entries = EntryPoints(EntryPoint(name, "not_there.port", ports.GROUP) for name in NAMES)
+    entries = EntryPoints(EntryPoint(name, "not_there:open_port", ports.GROUP) for name in NAMES)
     monkeypatch.setattr(ports, "entry_points", lambda group: entries.select(group=group))
 
 

@@ -5,10 +5,20 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 
-from ..link.ports import SIMULATED, comes_and_goes, form, known, modules, scheme_name, schemes
+from ..errors import RequirementError
+from ..link.ports import (
+    SIMULATED,
+    comes_and_goes,
+    form,
+    installed,
+    known,
+    offered,
+    scheme_name,
+    schemes,
+)
 from .parser import Fits, Parser
 
 PORTS = f"serial port, {known()}"
@@ -44,9 +54,7 @@ def add_port(parser: Parser, without: Collection[str] = (), effects: Effects | N
     parser.later(partial(_add_options_of_ports, parser, without, "add_options", effects or {}))
 
 
-def add_ports(
-    parser: Parser, effects: Effects | None = None, function: str = "add_options"
-) -> None:
+def add_ports(parser: Parser, effects: Effects | None = None, ability: str = "add_options") -> None:
     """Add the options that name one board, or the two boards of a linkage.
 
     Parameters
@@ -55,21 +63,22 @@ def add_ports(
         Parser of the command.
     effects : mapping, optional
         As for `add_port`.
-    function : str
-        Name of the function of a port's module that adds the port's options; ``add_options`` is
-        used if the module has no such function.
+    ability : str
+        Ability of a kind of port (see `link.ports`): a function that adds the port's options to a
+        parser; ``add_options`` if a kind of port does not have it.
     """
     text = f"{PORTS}; found on USB if not given; if a linkage has two boards, give --port for each"
     parser.add_argument("--port", action="append", default=[], help=text)
-    parser.later(partial(_add_options_of_ports, parser, (), function, effects or {}))
+    parser.later(partial(_add_options_of_ports, parser, (), ability, effects or {}))
 
 
 def _add_options_of_ports(
-    parser: Parser, without: Collection[str], function: str, effects: Effects
+    parser: Parser, without: Collection[str], ability: str, effects: Effects
 ) -> None:
-    for scheme, module in modules(without):
-        names = vars(module)  # not getattr, with which a module may load an optional package
-        add = names.get(function) or names.get("add_options")
+    for scheme in installed(without):
+        add = None
+        with suppress(RequirementError, ImportError):  # other kinds of ports work all the same
+            add = offered(scheme, ability) or offered(scheme, "add_options")
         if add is not None:
             fits = partial(has_port, scheme=scheme)
             effect = effects.get(scheme, (fits, f"add --port {form(scheme)}"))

@@ -41,7 +41,8 @@ def place(device: Device, port: str | None) -> Iterator[Place]:
 
     `port` may be the folder of a CircuitPython drive. PortError if `port` is not given, and no
     board or more than one board is found; or if the board needs CircuitPython, and `port` is not
-    its drive.
+    its drive. A kind of port with the ability ``flash_place(device)``, see `link.ports`, gives the
+    board to flash itself.
     """
     started = offered(port or device.port, "flash_place")
     if started is not None:

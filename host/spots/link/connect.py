@@ -17,7 +17,7 @@ from ..errors import CalibrationError, NoReplyError, PortError, SpotsError, path
 from .advice import learn_calibrations
 from .board import Board
 from .lines import of_sensor
-from .ports import comes_and_goes, known, scheme
+from .ports import comes_and_goes, known, opener
 from .serial_link import SerialLink, usb_boards, usb_ports
 
 _LOOK_EVERY_S = 1.0  # time between two attempts with the option ``wait``
@@ -77,9 +77,9 @@ def open_with(
         If no board or more than one board is found, or an argument is wrong.
     """
     port = path_text(port, "a port") if port is not None else None
-    module, target = scheme(port)
-    if module is not None:
-        return module.open_port(target, options)
+    open_port, target = opener(port)
+    if open_port is not None:
+        return open_port(target, options)
     if port is not None:
         return _opened(port)
     found, reasons = find()

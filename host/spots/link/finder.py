@@ -8,18 +8,19 @@ from collections.abc import Callable
 from ..errors import PortError, RefusedError, SpotsError
 from .board import Board
 from .connect import find, of_id, open_with
-from .ports import scheme
+from .ports import offered, scheme_name
 
 
 def finder(port: str | None, options: Namespace | None = None) -> Callable[[str | None], Board]:
     """Return a function that finds and opens a board, also after a restart.
 
     ``open_board(board_id)`` opens the board with this id, or any board if the id is None. Without
-    `port`, the board is found on USB. SettingError if the options of this kind of port are invalid.
+    `port`, the board is found on USB. The ability ``check(target, options)`` of a kind of port, see
+    `ports`, raises SpotsError if every call of ``open_port`` would fail.
     """
-    module, target = scheme(port)
-    if module is not None and hasattr(module, "check"):
-        module.check(target, options)
+    check = offered(port, "check")
+    if check is not None:
+        check((port or "").partition(":")[2], options)
 
     def open_board(board_id: str | None) -> Board:
         if board_id is None:
@@ -29,7 +30,7 @@ def finder(port: str | None, options: Namespace | None = None) -> Callable[[str 
             try:
                 found.append(open_with(port, options))
             except SpotsError:
-                if module is not None:
+                if scheme_name(port):
                     raise
         refusal = RefusedError if found else PortError
         if not found or found[0].info["id"] != board_id:

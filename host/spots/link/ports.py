@@ -1,8 +1,10 @@
 """Port schemes: names for `open` and ``--port`` that are not names of serial ports.
 
-A scheme is the word before the colon: ``zenoh`` in ``zenoh:ID``. Each scheme has a module, which is
-registered as an entry point of the group ``spots.ports``. The name of the entry point is the
-scheme, and after it, separated by dots, what is needed before the module is loaded:
+A scheme is the word before the colon: ``zenoh`` in ``zenoh:ID``. Each scheme has an entry
+point of the group ``spots.ports``: a function ``open_port(target, options)``, which returns a
+`Board`, or raises SpotsError. `target` is the text after the colon; `options` are those of the
+command line, or None in a program. The name of the entry point is the scheme, and after it,
+separated by dots, what is needed before the function is loaded:
 
 - the text after the colon as the help shows it, in capitals;
 - ``read-only`` if a command cannot change the board;
@@ -10,49 +12,23 @@ scheme, and after it, separated by dots, what is needed before the module is loa
 
 Examples are ``virtual`` and ``zenoh.ID.read-only.comes-and-goes``.
 
-The module must have
-
-``open_port(target, options)``
-    Returns a `Board`, or raises SpotsError. `target` is the text after the colon. `options` are
-    those of the command line; None in a program. They have what ``add_options`` has
-    added, or nothing.
-
-and may have
-
-``add_options(parser)``
-    Adds options for the commands that open a port of this kind. It must load no more than it needs.
-``add_linkage_options(parser)``
-    The same for ``spots twin``.
-``check(target, options)``
-    Raises SpotsError if the arguments are invalid, so that every call of ``open_port`` would fail.
-``calibration_setup(options, made, path, guide)``
-    Returns a `calibrate.session.bench.Bench`: a board whose strip is pressed by a machine.
-    `options` are those of the command line. `made` is the `Session` of ``spots calibrate``, or the
-    `CalibrationFile` that ``spots rezero`` corrects. `path` is the calibration file to write.
-    `guide` prints the progress.
-``practice(options, path, guide)``
-    Returns a context manager that yields a `calibrate.session.practice.Practice`: a simulated strip
-    whose simulated finger follows the requests of a session. `path` is the calibration file to
-    write, and `guide` is a `calibrate.session.dialog.Dialog`.
-``linkage(options)``
-    Returns a driven linkage: a five-bar linkage whose method ``open`` opens the boards of its
-    joints. ``options.linkage`` is the name of its file.
-``run_linkage(options)``
-    Runs ``spots twin`` with a simulated linkage, and compares the twin with the true positions.
-``flash_place(device)``
-    Returns a context manager that yields a `deploy.place.Place`: a board to flash.
+What else a kind of port can do, its package registers in the group ``spots.abilities`` under the
+name ``SCHEME.ABILITY``, as in ``virtual.practice``. The function or class that asks for an ability
+by `offered` describes it: ``add_options`` and ``add_linkage_options`` (`cli.arguments`), ``check``
+(`link.finder`), ``calibration_setup`` (`calibrate.session.calibrate.opened`), ``practice``
+(`calibrate.session.practice.Practice`), ``flash_place`` (`deploy.place`), ``linkage`` and
+``run_linkage`` (the package of the linkage).
 """
 
-from collections.abc import Collection, Iterator
-from contextlib import suppress
+from collections.abc import Callable, Collection
+from contextlib import nullcontext, suppress
 from importlib.metadata import EntryPoint
-from types import ModuleType
 from typing import Any
 
 from ..common.plugins import entry_points
 from ..errors import did_you_mean, missing
 
-GROUP = "spots.ports"
+GROUP, ABILITIES = "spots.ports", "spots.abilities"
 SIMULATED = "virtual"  # offers practice; the error without its package names the extra
 
 
@@ -72,17 +48,14 @@ def form(scheme: str) -> str:
     return ":".join([scheme, *filter(str.isupper, _entries()[scheme].name.split(".")[1:])])
 
 
-def modules(without: Collection[str] = ()) -> Iterator[tuple[str, ModuleType]]:
-    """Yield (scheme, module) of each kind of port whose package is installed."""
-    for scheme, entry in _entries().items():
-        if scheme not in without:
-            with suppress(ImportError):
-                yield scheme, entry.load()
+def installed(without: Collection[str] = ()) -> list[str]:
+    """Return the schemes of all installed kinds of ports, except those in `without`."""
+    return [scheme for scheme in _entries() if scheme not in without]
 
 
 def known(without: Collection[str] = ()) -> str:
     """Return a text that lists the forms of non-serial ports, such as ``zenoh:ID``."""
-    written = [form(scheme) for scheme in _entries() if scheme not in without]
+    written = [form(scheme) for scheme in installed(without)]
     forms = [one if ":" in one else f"'{one}'" for one in written]
     return " or ".join(filter(None, [", ".join(forms[:-1]), *forms[-1:]]))
 
@@ -105,27 +78,28 @@ def comes_and_goes(port: str | None) -> bool:
     return scheme_name(port) in ("", *schemes("comes-and-goes"))
 
 
-def scheme(port: str | None) -> tuple[ModuleType | None, str]:
-    """Return the module that opens a port such as ``zenoh:ID``, and the text after the colon.
+def opener(port: str | None) -> tuple[Callable[..., Any] | None, str]:
+    """Return the function that opens a port such as ``zenoh:ID``, and the text after the colon.
 
-    The module of a serial port is None, and its text the whole port. RequirementError if a package
-    that the scheme needs is not installed.
+    The function of a serial port is None, and its text the whole port. RequirementError if a
+    package that the scheme needs is not installed.
     """
     name, _, target = (port or "").partition(":")
-    try:
-        if entry := _entries().get(name):
-            return entry.load(), target
-    except ImportError:
-        if name != SIMULATED:
-            raise
-    if name == SIMULATED:
-        raise missing(f"port '{name}' needs", "the simulator", "virtual")
-    return None, port or ""
+    found = _loaded(_entries().get(name), name)
+    return (found, target) if found is not None else (None, port or "")
 
 
-def offered(port: str | None, what: str) -> Any:
-    """Return an optional function of the module that opens a port, or None.
+def offered(port: str | None, ability: str) -> Any:
+    """Return the object of an ability of a kind of port, or None; see the top of this file."""
+    name = (port or "").partition(":")[0]
+    entry = next(iter(entry_points(group=ABILITIES, name=f"{name}.{ability}")), None)
+    return None if entry is None and name in _entries() else _loaded(entry, name)
 
-    The docstring of this file lists these functions.
-    """
-    return getattr(scheme(port)[0], what, None)
+
+def _loaded(entry: EntryPoint | None, scheme: str) -> Any:
+    with suppress(ImportError) if scheme == SIMULATED else nullcontext():
+        if entry is not None:
+            return entry.load()
+    if scheme == SIMULATED:
+        raise missing(f"port '{scheme}' needs", "the simulator", "virtual")
+    return None

@@ -37,13 +37,12 @@ from spots.link.serial_link import SerialLink
 from ..board.runtimes import is_cpython
 from ..board.starting import end as end_process
 from ..board.vm import micropython_command
+from ..options import given
 from ..person.person import follow_pipe
-from ..person.practice import practice as begin_practice
 from ..person.stage import Stage, board_lines, calibrate, set_as_calibrated
 from ..person.stage_presser import StagePresser
-from ..port import given
 from ..strip.files import ScenarioFile, SensorFile, load
-from .linkage_demo import Endless, endless, run
+from .linkage_demo import Endless, endless
 
 VIRTUAL = "virtual"
 _START_S = 10.0
@@ -107,11 +106,6 @@ def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
         follow_pipe(stage.held, Path(pipe))
         presser = Presser(guide)
     return Bench(stage.reader, presser, guide, length_um, path)
-
-
-# Functions that `spots.link.ports` expects in the module of a port scheme, for a whole linkage.
-run_linkage = run
-practice = begin_practice
 
 
 def linkage(options: Namespace) -> Endless:

@@ -107,7 +107,9 @@ def opened(
 
     ``length_mm`` of the options is the length of the strip; None for the length in `made`, or 85 mm
     if `made` has no length. The board is closed on exit. SpotsError if a file is invalid, or the
-    board cannot be opened.
+    board cannot be opened. If a machine presses the strip, its kind of port has the ability
+    ``calibration_setup(options, made, path, guide)``, see `link.ports`; it returns a `Bench`.
+    `path` is the calibration file to write.
     """
     set_up = offered(options.port, "calibration_setup") or _by_hand
     bench = set_up(options, made, path, Guide())

@@ -12,7 +12,6 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 from ...common import atomic
-from ...errors import RequirementError
 from ...link.ports import SIMULATED, offered
 from .. import calibration_file as file
 from .bench import Bench
@@ -53,7 +52,10 @@ class Score:
 
 @dataclass(frozen=True)
 class Practice:
-    """A simulated strip with a simulated finger, see `link.ports`.
+    """A simulated strip with a simulated finger.
+
+    The ability ``practice(options, path, guide)`` of the simulator (see `link.ports`) returns a
+    context manager that yields one. `path` is the calibration file to write.
 
     The presser of the bench asks the person what ruler and scale show. ``score(session,
     calibration)`` returns the `Score` of a finished session.
@@ -71,9 +73,7 @@ def practise(options: argparse.Namespace, kind: str, count: int, guide: Dialog) 
     the simulated strip. `kind` is ``fine`` or ``rough``; `count` is 0 for the default. SpotsError
     if there is no simulator, or the session ends early.
     """
-    begin: Callable[..., AbstractContextManager[Practice]] | None = offered(SIMULATED, "practice")
-    if begin is None:
-        raise RequirementError("the installed simulator has no practice: update spots-tactile")
+    begin: Callable[..., AbstractContextManager[Practice]] = offered(SIMULATED, "practice")
     with atomic.temporary() as folder:
         session = Session(folder / "practice.jsonl")
         out = session.path.with_suffix(".toml")

@@ -1,9 +1,8 @@
-"""The port ``virtual``, see `spots.link.ports`; the simulator is loaded when a board is opened."""
+"""Options of the port ``virtual``; the simulator is loaded when a board is opened."""
 
 from __future__ import annotations
 
 import argparse
-from importlib import import_module
 
 from spots.cli import arguments
 
@@ -15,12 +14,6 @@ _DEFAULTS = {
     "exposure_us": None,
     "picture": None,
 }
-
-
-def __getattr__(name: str):
-    if name.startswith("_"):
-        raise AttributeError(name)
-    return getattr(import_module(".demo.virtual", __package__), name)
 
 
 def given(options: argparse.Namespace | None) -> argparse.Namespace:

@@ -1,8 +1,7 @@
-"""The port ``zenoh:ID``, see `spots.link.ports`; Zenoh is loaded when a board is opened."""
+"""Options of the port ``zenoh:ID``; Zenoh is loaded when a board is opened."""
 
 import argparse
 import os
-from importlib import import_module
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -15,9 +14,3 @@ def configure(options: argparse.Namespace | None) -> None:
     """Let the option for Zenoh's configuration file, if it is given, replace the variable."""
     if file := getattr(options, "zenoh_config", None):
         os.environ["ZENOH_CONFIG"] = file  # Zenoh's own name
-
-
-def __getattr__(name: str):
-    if name.startswith("_"):
-        raise AttributeError(name)
-    return getattr(import_module(".remote_board", __package__), name)
