@@ -43,7 +43,7 @@ PARALLEL = {"bench", "remote", "web"}
 # others it runs in CPython, which needs a third of the processor time. tests/micropython compares
 # all numbers of both, and tests/board/test_cpython.py the readings.
 IN_MICROPYTHON = {"bench", "live", "micropython"}
-IN_MICROPYTHON |= {"cli", "common", "deploy", "faults", "firmware", "fuzz", "link", "outputs"}
+IN_MICROPYTHON |= {"cli", "common", "deploy", "firmware", "fuzz", "link", "outputs"}
 IN_MICROPYTHON |= {"recording", "terminal"}
 IN_MICROPYTHON |= {"test_determinism.py", "test_dropped_boards.py", "test_fire.py", "test_flash.py"}
 IN_MICROPYTHON |= {"test_keys.py", "test_realtime.py", "test_recovery.py", "test_slow_board.py"}
@@ -188,6 +188,14 @@ def built(once):
         return once(f"build-{board}-{strips}", lambda root: build(board, root, strips)) / board
 
     return built
+
+
+@pytest.fixture(scope="session")
+def site(once):
+    """Return the folder with the site of the documents, which all tests share."""
+    from make import build_site
+
+    return once("site", build_site.build) / "site"
 
 
 @pytest.fixture(scope="session", autouse=True)

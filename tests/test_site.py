@@ -27,11 +27,6 @@ FOREIGN = re.compile(r"(https?:)?//")
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    return build_site.build(tmp_path_factory.mktemp("site")).parent
-
-
-@pytest.fixture(scope="module")
 def built(site):
     """The pages of the site by their path, as `Html`."""
     return {path.relative_to(site).as_posix(): Html(path) for path in site.rglob("*.html")}

@@ -259,22 +259,6 @@ def test_each_code_of_the_firmware_is_in_the_table():
     assert codes <= set(REASONS)
 
 
-def test_a_calibration_that_is_too_new_for_the_firmware_says_flash(rig, calibration, monkeypatch):
-    made = rig()
-    command = made.board.command
-
-    def of_earlier_firmware(line, **options):
-        if line.startswith("cal end"):
-            raise BoardError("'x 1 2 3 4 5 6' needs 4 integers up to 2**28")
-        return command(line, **options)
-
-    monkeypatch.setattr(made.board, "command", of_earlier_firmware)
-    with refusal(BoardError, why="") as caught:
-        upload(made.board, calibration)
-    assert "'spots flash'" in str(caught.value)
-    assert made.board.command("hello")["calibration"] is None
-
-
 def test_the_board_itself_tells_a_foreign_calibration(rig, calibration):
     made = rig()
     foreign = ["board 0000" if line.startswith("board") else line for line in calibration]

@@ -17,11 +17,6 @@ SHOWN += [
 ]
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    return build_site.build(tmp_path_factory.mktemp("site")).parent
-
-
 @pytest.fixture
 def open_file(browser, site):
     """Return a function that opens a page of the site; it fails if the page asks a server."""
