@@ -28,7 +28,7 @@ from spots_device.sensor.as7341 import AS7341
 
 _CALLS = 200  # of a function
 _LOOP_MS = 500  # of a loop
-_SETTLE_MS = 200  # the mean of the meter
+_SETTLE_MS = 200
 _START_MS = 1500  # after a start of the sensor: a dark frame, and the fit of the pacing
 _EXPOSURES_US = 10_000, 5_000, 2_780, 1_500, 1_000
 # Values of constants, whose names are not on a board: decode.COUNTS, USE and AVERAGE.

@@ -198,18 +198,6 @@ def test_what_the_chip_made_was_taken_or_missed(sensor, board, exposure_us, busy
     )
 
 
-def test_the_reply_to_set_has_the_rate_to_expect(slow):
-    made = slow(2_000)
-    made.run(1.0)
-    made.say("stream touch")
-    for exposure_us, average in ((10_000, 1), (1_000, 1), (1_000, 4), (2_400, 2)):
-        made.say(f"set average={average}")
-        made.run(0.5)
-        rate_mHz = made.say(f"set exposure_us={exposure_us}")["rate_mHz"]
-        made.run(0.5)
-        assert 1000 * len(made.touches(4.0)) / 4.0 == pytest.approx(rate_mHz, rel=0.15)
-
-
 @pytest.mark.usefixtures("own_firmware")
 def test_an_upload_gets_every_reply_however_slow_the_writes_of_the_board_are(
     sensor, calibration, monkeypatch

@@ -452,31 +452,6 @@ def test_the_loop_drops_the_samples_of_a_fifo_read_from_before_a_restart():
     assert taken[-1] > 3
 
 
-@pytest.mark.parametrize("exposure_us", [1_000, 1_500, 10_000])
-def test_the_time_of_a_sample_is_measured_whatever_the_number_in_a_fifo_read(exposure_us):
-    app, _, clock, serial = canned.app(LINES)
-    app.settings.values["exposure_us"] = exposure_us
-    app.restart()
-    app.measure()
-    write = serial.write
-    # TOUCH and SPECTRUM frame of a sample take 1,200 us.
-    serial.write = app.framer._write = lambda *frame: clock.sleep_us(600) or write(*frame)
-    for _ in range(200):
-        app.step()
-    assert app.meter.busy_us == pytest.approx(1_200, abs=1)
-
-
-def test_a_fifo_that_overflows_is_no_measured_sample():
-    app, _, clock, _ = stalled(300_000)
-    app.measure()
-    sensor = app._sensor
-    write = sensor.bus.write
-    sensor.bus.write = lambda buffer: clock.sleep_us(70) or write(buffer)
-    app.step()
-    assert sensor.pacing.missed
-    assert app.meter._samples == -3
-
-
 def test_the_count_of_missed_samples_never_falls():
     app, _, clock, _ = stalled(300_000)
     app.step()

@@ -100,3 +100,10 @@ def test_a_dark_frame_belongs_to_its_channels_and_is_saved():
     assert again.values["dark"]
     again.change(["channels=F1,F4,F5,F6,F7,F8"])
     assert again.values["dark"] == []
+
+
+def test_the_rate_is_what_exposure_and_average_allow():
+    fresh = made()
+    fresh.change(["exposure_us=2500", "average=2"])
+    assert fresh.rate_mHz() == 1_000_000_000 // (2 * fresh.values["exposure_us"])
+    assert fresh.rate_mHz() == 200_080  # the exposure is 2499 us

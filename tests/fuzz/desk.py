@@ -110,12 +110,6 @@ class _Sensor:
     def switch_led(self, on):
         self.led_on = on and self.led_mA > 0
 
-    def burst_us(self):
-        return 1
-
-    def fetched(self):
-        return 1
-
     def poll(self):
         self.asked = self._clock.ticks_us()
         self._clock.now_us += self.exposure_us

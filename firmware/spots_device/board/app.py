@@ -21,58 +21,7 @@ _LAST_US = const(100_000)  # on exit: longest wait until the host has read the k
 _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
 _COLLECT_EVERY = const(4)  # commands between two garbage collections
-_SKIPPED = const(3)  # the mean starts with this FIFO read; the reads before it may be late
-_COUNTED = const(16)  # least number of samples in the mean
 _BOOT_MAX = const(240)  # characters of all faults at the start, so that the reply fits a frame
-
-
-class Meter:
-    """Measures the mean time that the main loop needs to process one sample.
-
-    `add` allocates nothing.
-
-    Attributes
-    ----------
-    busy_us : int
-        Mean time in us to read and process a sample; 0 before the first mean is complete. Times
-        that do not depend on the number of samples in a FIFO read are left out: the rest of the
-        loop, and the fixed part of the read (see `as7341.AS7341.burst_us`). Only a loop slower than
-        the sensor limits the rate, and one FIFO read of such a loop gets many samples.
-    """
-
-    def __init__(self):
-        self.busy_us = 0
-        self.restart()
-
-    def restart(self):
-        """Start a new mean; `busy_us` is the previous mean until the new mean is complete."""
-        self._sum_us = 0
-        self._samples = -_SKIPPED
-
-    def add(self, lasted_us, burst_us, samples):
-        """Add the time of one or more samples; return True when the mean is complete.
-
-        Parameters
-        ----------
-        lasted_us : int
-            Time to read and process the samples, in us.
-        burst_us : int
-            Part of this time that does not depend on the number of samples read from the FIFO, see
-            `as7341.AS7341.burst_us`; 0 if the samples were read earlier, and not in this time.
-        samples : int
-            Number of samples.
-        """
-        if burst_us:
-            if self._samples >= _COUNTED:
-                self.busy_us = self._sum_us // self._samples
-                self.restart()
-                return True
-            if self._samples < 0:
-                self._samples += 1
-        if self._samples >= 0:
-            self._sum_us += lasted_us - burst_us
-            self._samples += samples
-        return False
 
 
 def _nothing(*_):
@@ -155,7 +104,6 @@ class BoardApp:
         self._sensor = sensor
         self._pacing = sensor.pacing
         self._poll = sensor.poll
-        self.meter = Meter()
         self.settings = BoardSettings(board)
         self.replies = Replies(self.framer, self._time)
         self.calibration = CalibrationSlot()
@@ -282,36 +230,6 @@ class BoardApp:
     def _pump(self):
         self._slice_us = _SLICE_US if self.outputs.pump() else self.report_us
 
-    def measure(self):
-        """Start to measure `Meter.busy_us`; the loop is slightly slower during the measurement."""
-        self.meter.restart()
-        self._pass = self._measured_pass
-
-    def _measured_pass(self):
-        sensor = self._sensor
-        complete = sensor.complete
-        self._pacing.sure = 0  # for `as7341.AS7341.burst_us`
-        BoardApp._pass(self)
-        if self._measured(sensor.asked, complete, 0):
-            del self._pass
-
-    def _measured(self, began, complete, waits):
-        """Add new samples, if there are any, to the mean; return True when the mean is complete.
-
-        Parameters
-        ----------
-        began : int
-            Ticks at the beginning of the first poll.
-        complete, waits : int
-            The sensor's attributes of these names before this poll.
-        """
-        clock, sensor = self._clock, self._sensor
-        burst_us = 0 if waits else sensor.burst_us()
-        if self.reconnect.lost or sensor.complete == complete or burst_us < 0:
-            return False
-        samples = 1 if waits else sensor.fetched()
-        return self.meter.add(clock.ticks_diff(clock.ticks_us(), began), burst_us, samples)
-
     def log(self, level, text):
         """Send the log line `text` to the host; `level` is ``"info"`` or ``"error"``."""
         self.replies.log(level, text)
@@ -389,7 +307,6 @@ class BoardApp:
         self._time.update()
         self.outputs.release()  # before `use_stored`, because its calls nest deeply
         notes = self.use_stored(), self.outputs.note(self.strip.decode.calibration)
-        self.measure()
         gc.collect()  # frees the garbage of parsing
         return "; ".join(filter(None, notes)) or None
 
@@ -476,14 +393,6 @@ class BoardApp:
         reply["dropped_reports"] = self.outputs.dropped()
         reply["saturation"] = None if self.reconnect.lost else self.strip.saturation()
         return reply
-
-    def rate_mHz(self):
-        """Return the expected rate of readings in mHz: what the slower of sensor and loop allows.
-
-        A reading is the sum of ``average`` samples.
-        """
-        s = self.settings.values
-        return 1_000_000_000 // (max(s["exposure_us"], self.meter.busy_us) * s["average"])
 
     def release_keys(self):
         """Release all keys; called before a pause of the readings."""

@@ -300,7 +300,7 @@ class Commands:
         if app.settings.change(words[1:]):
             app.restart()
         reply = app.settings.reply()
-        reply["rate_mHz"] = app.rate_mHz()
+        reply["rate_mHz"] = app.settings.rate_mHz()
         return _noted(reply, app.apply_calibration())
 
     def _stream(self, words):
@@ -310,7 +310,6 @@ class Commands:
         if "off" in kinds and len(kinds) > 1:
             raise ValueError("stream off takes no other word")
         note = self._app.strip.stream(kinds)
-        self._app.measure()
         return _noted({"stream": sorted(kinds)}, note)
 
     def _dark(self, words):

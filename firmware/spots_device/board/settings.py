@@ -132,6 +132,10 @@ class BoardSettings:
         del reply["dark"]  # the reply to ``get`` contains these sums
         return reply
 
+    def rate_mHz(self):
+        """Return the rate in mHz at which the chip allows readings of ``average`` samples."""
+        return 1_000_000_000 // (self.values["exposure_us"] * self.values["average"])
+
     def lines(self):
         """Return all settings as a list of assignments for `change`."""
         values = self.values

@@ -135,25 +135,6 @@ class StripApp(BoardApp):
                 self.reconnect.sampled()
             self.strip.take()
 
-    def measure(self):
-        self.meter.restart()
-        self.poll = self._measured_poll
-
-    def _measured_poll(self):
-        sensor = self._sensor
-        began, complete, waits = self._clock.ticks_us(), sensor.complete, sensor.waits
-        StripApp.poll(self)
-        if self._measured(began, complete, waits):
-            del self.poll
-
-    def rate_mHz(self):
-        # The loop processes a sample of each strip in turn.
-        busy_us = 0
-        for part in self.main.parts:
-            busy_us += part.meter.busy_us
-        s = self.settings.values
-        return 1_000_000_000 // (max(s["exposure_us"], busy_us) * s["average"])
-
     def identity(self):
         reply = BoardApp.identity(self)
         reply["sensor"] = self.index

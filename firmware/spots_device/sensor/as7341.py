@@ -230,14 +230,6 @@ class AS7341:
         self.switch_led(False)
         self.write(_ENABLE, _PON)
 
-    def burst_us(self):
-        """Return the fixed part of the last read's duration in us, see `fifo.Fifo.burst_us`."""
-        return self._path.burst_us()
-
-    def fetched(self):
-        """Return how many samples of the last read `poll` has returned."""
-        return self._path.fetched()
-
     def follow(self, path):
         """Read the samples by a path from the next poll on, see `registers.Registers`."""
         self._path = path

@@ -142,17 +142,3 @@ class Fifo:
     def fail(self):
         if self._sensor.pacing.sure > 0 or not self.fifo:
             self._odd = _BROKEN  # the transfer may have read a part of a sample
-
-    def burst_us(self):
-        """Return the fixed part of the last read's duration in us; 1 while the FIFO is not used.
-
-        The rest of the duration is proportional to the number of samples. The result is negative
-        if the FIFO had overflowed, so that no sample was read.
-        """
-        # The level of the FIFO is one byte. Its transfer, from `asked` to `known`, takes about as
-        # long as the overhead of the next transfer, which reads the samples.
-        sensor = self._sensor
-        return 2 * sensor.ticks_diff(sensor.known, sensor.asked) + 1 if self.fifo else 1
-
-    def fetched(self):
-        return max(1, (self._sensor.at - c.FIFO_DATA) // c.SAMPLE_SIZE)

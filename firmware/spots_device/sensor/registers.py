@@ -83,11 +83,3 @@ class Registers:
 
     def fail(self):
         """Record that a transfer of `read` has failed."""
-
-    def burst_us(self):
-        """Return the fixed part of the last read's duration in us, see `fifo.Fifo.burst_us`."""
-        return 1
-
-    def fetched(self):
-        """Return how many samples of the last read `AS7341.poll` has returned."""
-        return 1

@@ -268,7 +268,7 @@ class Board(Readings, AbstractContextManager["Board"]):
         Returns
         -------
         replies.Changed
-            All settings after the change, and the expected rate.
+            All settings after the change, and the rate that the chip allows.
 
         Raises
         ------

@@ -48,7 +48,8 @@ class Changed(Settings, total=False):
     """The reply to ``set`` and ``autoexpose``: all settings after the change.
 
     ``note`` is only present as a warning that the calibration is not used, or that keys or gamepad
-    do not work. ``rate_mHz`` is the expected rate, in readings per 1000 s.
+    do not work. ``rate_mHz`` is the rate that exposure and ``average`` allow, in readings per
+    1000 s; `Board.rate_hz` is what arrives.
     """
 
     rate_mHz: _Number

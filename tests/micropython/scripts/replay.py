@@ -73,9 +73,6 @@ class Sensor:
     def drifted(self):
         return False
 
-    def burst_us(self):
-        return 1
-
     def take(self, data, at):
         """Use the sample that begins at byte `at` of `data`."""
         clock = self._clock
