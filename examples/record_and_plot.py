@@ -31,7 +31,7 @@ force.set(ylabel="force / N", ylim=(0, 10), xlabel="time / s")
 (place_dots,), (force_dots,) = place.plot([], [], "."), force.plot([], [], ".")
 
 try:
-    with spots.open(options.port) as board, board.record(options.file):
+    with spots.open(options.port) as board, spots.Recorder(board, options.file):
         # matplotlib's callbacks can lose a KeyboardInterrupt, so Ctrl-C only sets an event.
         stop = threading.Event()
         signal.signal(signal.SIGINT, lambda number, frame: stop.set())

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .recording.arrays import Arrays, RecordingBlocks, read_arrays
     from .recording.dataframe import read_dataframe
     from .recording.recalibrate import recalibrated
+    from .recording.recorder import Recorder
     from .recording.recording import Recording
     from .recording.replay import open_recording
 
@@ -37,13 +38,14 @@ _NAMES = {
     "recording.arrays": ("Arrays", "RecordingBlocks", "read_arrays"),
     "recording.dataframe": ("read_dataframe",),
     "recording.recalibrate": ("recalibrated",),
+    "recording.recorder": ("Recorder",),
     "recording.recording": ("Recording",),
     "recording.replay": ("open_recording",),
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
     "Arrays", "Board", "Contact", "Decoder", "Key", "LinkStats", "Note",
-    "Recording", "RecordingBlocks", "Spectrum", "SpotsError", "Text", "Touch", "open",
+    "Recorder", "Recording", "RecordingBlocks", "Spectrum", "SpotsError", "Text", "Touch", "open",
     "open_recording", "read_arrays", "read_dataframe", "recalibrated",
 ]  # fmt: skip
 

@@ -20,6 +20,7 @@ from spots.link.frames import Touch
 from spots.link.lines import of_sensor
 from spots.link.ports import offered, scheme_name
 from spots.link.replies import Hello
+from spots.recording.recorder import Recorder
 from spots.recording.replay import open_recording
 from spots_device.board.settings import checksum
 
@@ -316,4 +317,4 @@ def record_all(stack: ExitStack, boards: list[Board], paths: list[str]) -> None:
     if paths and len(paths) != len(boards):
         raise SettingError(f"--record was given {len(paths)} times: give it once for each board")
     for board, path in zip(boards, paths):
-        stack.enter_context(board.record(path))
+        stack.enter_context(Recorder(board, path))

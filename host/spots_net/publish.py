@@ -13,7 +13,6 @@ from spots.terminal.view import Pace
 
 from .answers import Answers
 from .optional import zenoh
-from .outlet import kind_of, values
 from .ros2.messages import (
     DIAGNOSTICS,
     TOPICS,
@@ -37,6 +36,7 @@ from .ros2.naming import (
 )
 from .ros2.node import RosNode
 from .ros2.types import FRAME, packed, topic
+from .sending import kind_of, values
 from .zenoh_session import open_session
 
 _HEALTH_PER_S = 1  # messages with link statistics per second

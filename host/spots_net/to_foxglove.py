@@ -22,7 +22,7 @@ from spots.link.frames import Reading
 from spots.recording.foxglove import schema
 from spots.recording.table import tables
 
-from .outlet import KINDS, host_and_port, kind_of, plans, row
+from .sending import KINDS, host_and_port, kind_of, plans, row
 
 _DEFAULT = "127.0.0.1", 8765
 # Pages of Foxglove itself, which may always connect.

@@ -7,7 +7,7 @@ from spots.link.board import Board
 from spots.link.frames import Reading
 from spots.recording.table import VALUES
 
-from .outlet import KINDS, kind_of, plans, values
+from .sending import KINDS, kind_of, plans, values
 
 _UNITS = {"um": "um", "mN": "mN"}  # by the last part of a column's name
 

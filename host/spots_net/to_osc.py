@@ -10,7 +10,7 @@ from spots.errors import RequirementError
 from spots.link.board import Board
 from spots.link.frames import Contact, Key, Reading, Touch
 
-from .outlet import host_and_port
+from .sending import host_and_port
 
 _DEFAULT = "127.0.0.1", 9000
 # Nobody listens yet, or the system's buffer is full.

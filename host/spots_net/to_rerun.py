@@ -12,7 +12,7 @@ from spots.errors import FileError, SettingError
 from spots.link.board import Board
 from spots.link.frames import Reading, Spectrum, Touch
 
-from .outlet import plans
+from .sending import plans
 
 _DEFAULT = "rerun+http://127.0.0.1:9876/proxy"
 _BATCH_S = 0.1  # a batch of columns takes as long as a single value

@@ -105,7 +105,7 @@ class Recordings(RequestQueue):
             )
         date = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%SZ")
         board_id = re.sub(r"[^0-9A-Za-z]", "", str(board.info["id"]))
-        self._recorder = board.record(self._folder / f"{date}-{board_id}.spots")
+        self._recorder = Recorder(board, self._folder / f"{date}-{board_id}.spots")
         self._recorder.on_error = partial(self._ended, board, self._recorder)
         self._begun_s, self._lost, self._marks = board.now_s(), board.stats.lost, 0
         self._show(board, self._recorder)

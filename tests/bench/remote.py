@@ -28,8 +28,9 @@ from spots.common.guarded import Guarded
 from spots.link.board import Board
 from spots.link.decoder import Decoder
 from spots.link.frames import Reading, Touch
-from spots_net.outlet import Outlet, values
+from spots_net.outlet import Outlet
 from spots_net.publishing import publish, stream
+from spots_net.sending import values
 
 from .standin import CLOSING_UM, StandIn
 

@@ -23,6 +23,7 @@ from spots.link import timeouts as absence
 from spots.link.finder import finder
 from spots.link.serial_link import SerialLink
 from spots.link.timeouts import CONNECTED, LOST, REFUSED
+from spots.recording.recorder import Recorder
 from spots.terminal.monitor import watch
 from spots_sim.board.faults import Faults, FaultyLink
 from spots_sim.demo.virtual import start_simulator
@@ -157,7 +158,7 @@ def test_the_firmware_itself_comes_back_under_another_name(monkeypatch, tmp_path
     nothing_wrong = Faults(files.FaultsFile(), seconds=1.0)
     with spots.Board(FaultyLink(SerialLink(start["port"]), nothing_wrong)) as board:
         board.patience_s = DEADLINE_S
-        board.record(tmp_path / "run.spots")
+        Recorder(board, tmp_path / "run.spots")
         board.touches()
         for _ in range(2):
             end()

@@ -21,6 +21,7 @@ from spots.link.serial_link import SerialLink
 from spots.link.timeouts import CONNECTED, LOST, SEARCH_S, STALLED
 from spots.recording import replay
 from spots.recording.info import summary
+from spots.recording.recorder import Recorder
 from spots.recording.recording import Recording
 from spots.recording.replay import open_recording
 from spots_device.reading.decode import DROPPED
@@ -55,7 +56,7 @@ def test_a_computer_that_slept_counts_what_it_missed_and_no_restart(tmp_path, mo
     monkeypatch.setattr("time.time", lambda: utc_s[0] + link.now_s())
     link, board = streaming(60_000)
     path = tmp_path / "run.spots"
-    with board.record(path):
+    with Recorder(board, path):
         reading(board, 50)
         began_s = link.now_s()
         for slept_s in (20, 600, 3600):
@@ -121,7 +122,7 @@ def test_a_recording_counts_the_losses_and_restarts_that_the_live_run_did(tmp_pa
     link.restart()
     reading(board, 20)  # before the recording
     path = tmp_path / "run.spots"
-    with board.record(path, rotate_bytes=rotate_bytes):
+    with Recorder(board, path, rotate_bytes=rotate_bytes):
         before = board.stats.lost
         for sequence in (60_000, 40_000, 100):
             reading(board, 2)
@@ -352,7 +353,7 @@ def test_nothing_is_silent_that_streams_nothing():
 def test_a_pause_of_a_recording_is_a_stall_as_it_was_then(tmp_path, monkeypatch):
     link, board = streaming()
     monkeypatch.setattr(replay, "time", SimpleNamespace(monotonic=link.now_s, sleep=link.sleep))
-    with board.record(tmp_path / "run.spots"):
+    with Recorder(board, tmp_path / "run.spots"):
         reading(board, 10)
         link.deaf, link.streams = {"sync"}, []
         list(board.frames(1.0))

@@ -16,7 +16,7 @@ from spots.recording.export import export
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     path = tmp_path_factory.mktemp("lab") / "run.spots"
-    with spots.open("virtual") as board, board.record(path):
+    with spots.open("virtual") as board, spots.Recorder(board, path):
         board.stream("touch", "spectrum")
         for text in ("tap", "slide"):
             board.mark(text)

@@ -33,6 +33,7 @@ from spots.link import readers
 from spots.link.board import Board
 from spots.link.frames import Spectrum, Touch
 from spots.link.turn import Turn
+from spots.recording.recorder import Recorder
 from spots_device.reading.decode import (
     DROPPED,
     LED_OFF,
@@ -479,7 +480,7 @@ def test_a_closed_board_is_said_to_be_closed(strip):
         board.read_latest,
         board.latest,
         lambda: take(touches, 9999),
-        lambda: board.record("x.spots"),
+        lambda: Recorder(board, "x.spots"),
     ):
         with refusal(ClosedError):
             use()

@@ -9,6 +9,7 @@ import pytest
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Frame
+from spots.recording.recorder import Recorder
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.files import ScenarioFile, load
 from spots_sim.strip.scenario import Scenario
@@ -42,7 +43,7 @@ def seen(opened, tmp_path_factory):
     """A `Seen`: a recording of two seconds with all kinds of frames, and these frames."""
     path = tmp_path_factory.mktemp("seen") / "run.spots"
     board, frames, handed_s = opened(), [], []
-    with board.record(path):
+    with Recorder(board, path):
         board.command("set keys=1")
         board.command("stream contact touch spectrum")
         for frame in board.frames(2.0):

@@ -21,6 +21,7 @@ import spots
 from spots import cli
 from spots.errors import SettingError, StateError
 from spots.recording.export import export
+from spots.recording.recorder import Recorder
 
 pytestmark = pytest.mark.board
 
@@ -30,7 +31,7 @@ def marked(opened, tmp_path_factory):
     """A recording with two marks, and the times at which they were made, from its beginning."""
     path = tmp_path_factory.mktemp("marked") / "run.spots"
     board, made_s = opened(), []
-    with board.record(path):
+    with Recorder(board, path):
         begun_s = board.now_s()
         board.stream("touch", "spectrum")
         for text in ("trial 1", "trial 2, förster"):
@@ -114,7 +115,7 @@ def test_a_mark_needs_a_text_and_a_recording(opened, tmp_path):
     board = opened()
     with refusal(StateError):
         board.mark("trial")
-    with board.record(tmp_path / "run.spots"):
+    with Recorder(board, tmp_path / "run.spots"):
         for wrong in ("", "  ", 3, "x" * 65):
             with refusal(SettingError):
                 board.mark(wrong)

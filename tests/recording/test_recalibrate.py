@@ -15,6 +15,7 @@ from spots.link.board import Board
 from spots.link.connect import prepare, upload
 from spots.recording import replayed_strip
 from spots.recording.recalibrate import recalibrate
+from spots.recording.recorder import Recorder
 from spots_device.reading import decode as d
 from spots_device.reading.calibration import Calibration
 from spots_sim.board.lockstep import LockstepLink
@@ -37,7 +38,7 @@ def scenario(**more) -> Scenario:
 
 def play(board, path, seconds, commands=()):
     """Record a board; send each command after its share of the time."""
-    with board.record(path, rotate_bytes=150_000):
+    with Recorder(board, path, rotate_bytes=150_000):
         board.stream("touch", "spectrum")
         for command in (*commands, None):
             for _ in board.frames(seconds / (len(commands) + 1)):
@@ -133,7 +134,7 @@ def test_after_lost_frames_readings_are_unknown_until_the_next_state(calibration
     path, damaged = tmp_path / "run.spots", tmp_path / "damaged.spots"
     with Board(LockstepLink(sensor, scenario(), 1)) as board:
         prepare(board, calibration)
-        with board.record(path):
+        with Recorder(board, path):
             board.stream("touch", "spectrum")
             for _ in board.frames(24):
                 pass
@@ -204,7 +205,7 @@ def test_what_cannot_be_computed_is_refused_with_its_reason(calibration, sensor,
             prepare(board, calibration)
             for command in commands:
                 board.command(command)
-            with board.record(path):
+            with Recorder(board, path):
                 board.stream(*streams)
                 for _ in board.frames(0.5):
                     pass

@@ -11,6 +11,7 @@ from spots import SpotsError
 from spots.errors import FileError
 from spots.link.board import Board
 from spots.recording import disk
+from spots.recording.recorder import Recorder
 from spots.recording.recording import Recording
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.scenario import Held
@@ -39,7 +40,7 @@ def test_a_disk_that_does_not_store_is_reported_while_recording(
     refuse_sync(monkeypatch, number)
     monkeypatch.setattr(disk, "_SYNC_EVERY_S", 0.001)
     path = tmp_path / "a.spots"
-    with pytest.raises(SpotsError) as raised, board.record(path):
+    with pytest.raises(SpotsError) as raised, Recorder(board, path):
         list(board.frames(1000.0))
     assert os.strerror(number) in str(raised.value)
     assert "its last seconds may be missing" in str(raised.value)
@@ -49,7 +50,7 @@ def test_a_disk_that_does_not_store_is_reported_while_recording(
 
 def test_a_disk_that_does_not_store_the_end_is_reported(board, tmp_path, monkeypatch):
     refuse_sync(monkeypatch, errno.EDQUOT)
-    recorder = board.record(tmp_path / "a.spots")
+    recorder = Recorder(board, tmp_path / "a.spots")
     list(board.frames(0.2))
     with refusal(FileError):
         recorder.stop()
@@ -58,14 +59,14 @@ def test_a_disk_that_does_not_store_the_end_is_reported(board, tmp_path, monkeyp
 
 def test_a_file_system_without_sync_is_no_error(board, tmp_path, monkeypatch):
     refuse_sync(monkeypatch, errno.EINVAL)
-    with board.record(tmp_path / "a.spots"):
+    with Recorder(board, tmp_path / "a.spots"):
         list(board.frames(0.2))
     assert Recording(tmp_path / "a.spots").header
 
 
 def test_a_program_can_take_the_error_and_read_on(board, tmp_path, full_disk):
     path, errors = tmp_path / "a.spots", []
-    recorder = board.record(path)
+    recorder = Recorder(board, path)
     recorder.on_error = errors.append
     with full_disk(path.stat().st_size + 2000):
         frames = len(list(board.frames(5.0)))

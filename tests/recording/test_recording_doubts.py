@@ -12,6 +12,7 @@ from spots.errors import FileError
 from spots.link.decoder import Decoder
 from spots.link.frames import Note, Touch
 from spots.recording import replay
+from spots.recording.recorder import Recorder
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +124,7 @@ def test_a_recording_that_begins_later_has_lost_nothing(opened, tmp_path):
     board.stream("touch")
     for _ in zip(range(9), board.frames()):
         pass
-    with board.record(tmp_path / "a.spots"):
+    with Recorder(board, tmp_path / "a.spots"):
         for _ in zip(range(9), board.frames()):
             pass
     recording = Recording(tmp_path / "a.spots")

@@ -22,6 +22,7 @@ from spots.link.decoder import Decoder, note
 from spots.link.frames import Contact, Key, Spectrum, Text, Touch
 from spots.outputs.devices import PrintedGamepad, PrintedKeyboard
 from spots.recording import replay
+from spots.recording.recorder import Recorder
 from spots.recording.writer import ARRIVAL_STEP_S
 from spots.wearable import wearable
 
@@ -68,7 +69,7 @@ def test_a_recording_is_not_recorded(seen, tmp_path):
     with spots.open_recording(seen.path) as board:
         assert not board.ended
         with refusal(SettingError):
-            board.record(path)
+            Recorder(board, path)
     assert not path.exists()
 
 
@@ -154,7 +155,7 @@ def test_a_recording_can_begin_in_the_middle_of_a_frame_and_of_a_stream(opened, 
     board._link.read = late
     next(touches)
     assert board._channel.decoder.pending
-    with board.record(tmp_path / "a.spots"):
+    with Recorder(board, tmp_path / "a.spots"):
         while frames.unread:
             next(frames)
         live = list(frames.within(0.2))
@@ -196,7 +197,7 @@ def test_the_time_of_the_board_wraps_in_a_recording_as_on_the_link(tmp_path):
 @pytest.mark.board
 def test_a_board_that_restarts_has_its_new_clock_in_the_recording(opened, tmp_path):
     board = opened()
-    with board.record(tmp_path / "a.spots"):
+    with Recorder(board, tmp_path / "a.spots"):
         frames = board.frames()
         board.command("stream touch")
         live = list(frames.within(0.5))

@@ -11,6 +11,7 @@ import pytest
 import spots
 from spots.link.board import Board
 from spots.link.connect import prepare
+from spots.recording.recorder import Recorder
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.files import Finger, ScenarioFile
 from spots_sim.strip.scenario import Scenario
@@ -36,7 +37,7 @@ def recorded(sensor, calibration, tmp_path_factory):
     scenario = Scenario(ScenarioFile(seconds=60.0, touch=[tapped(at_s) for at_s in TAPS_S]))
     with Board(LockstepLink(sensor, scenario, 1)) as board:
         prepare(board, calibration)
-        with board.record(path):
+        with Recorder(board, path):
             board.stream("touch", "spectrum")
             for _ in board.frames(12.0 - board.now_s()):
                 pass

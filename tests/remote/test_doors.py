@@ -17,7 +17,7 @@ from spots.common import reports
 from spots.errors import SettingError
 from spots.link.frames import Touch
 from spots_net import outlet, to_foxglove
-from spots_net.outlet import host_and_port
+from spots_net.sending import host_and_port
 
 ROOT = Path(__file__).parents[2]
 TOUCH = Touch(0, 7, 5000, 9, 1 << 20, 3 << 20, 42_000, 1500, 1.25)

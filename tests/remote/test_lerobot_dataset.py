@@ -17,6 +17,7 @@ from spots.errors import FileError
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.recording.export import export
+from spots.recording.recorder import Recorder
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.files import ScenarioFile, load
 from spots_sim.strip.scenario import Scenario
@@ -31,7 +32,10 @@ def recordings(sensor, calibration, tmp_path_factory):
     scenario = Scenario(load(ScenarioFile, "demo"))
     with Board(LockstepLink(sensor, scenario, 1)) as board:
         prepare(board, calibration)
-        with board.record(folder / "plain.spots"), board.record(folder / "marked.spots") as marked:
+        with (
+            Recorder(board, folder / "plain.spots"),
+            Recorder(board, folder / "marked.spots") as marked,
+        ):
             board.stream("touch", "spectrum")
             for text in ("tap", "slide", "end", "tap", None):
                 for _ in board.frames(3.0):
@@ -106,7 +110,7 @@ def test_an_existing_folder_and_a_recording_without_readings_are_refused(
     with refusal(FileError, file="there"):
         export(recordings / "plain.spots", "lerobot", tmp_path / "there")
     board = Board(LockstepLink(sensor, Scenario(load(ScenarioFile, "demo")), 1))
-    with board, board.record(tmp_path / "empty.spots"):
+    with board, Recorder(board, tmp_path / "empty.spots"):
         pass
     with refusal(FileError):
         export(tmp_path / "empty.spots", "lerobot", tmp_path / "new")

@@ -37,6 +37,7 @@ import spots_sim
 from spots import Board
 from spots.errors import PortError, SettingError
 from spots.recording.export import export
+from spots.recording.recorder import Recorder
 from spots_linkage.digital_twin import Terminal
 from spots_linkage.limits import Limit
 from spots_linkage.twin import _publisher
@@ -77,7 +78,7 @@ def test_own_types_have_the_hashes_that_another_implementation_computes(name):
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp("ros2") / "run.spots"
-    with spots_sim.open(seed=71) as board, board.record(path):
+    with spots_sim.open(seed=71) as board, Recorder(board, path):
         board.stream("touch", "spectrum", "contact")
         for _, _ in zip(range(250), board.touches()):
             pass

@@ -15,6 +15,7 @@ from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.frames import Touch
 from spots.link.timeouts import CONNECTED, LOST, REFUSED, SEARCHING, STALLED
+from spots.recording.recorder import Recorder
 from spots.recording.replay import open_recording
 from spots_device.reading.decode import LED_OFF, TOUCHING
 from spots_sim.board.lockstep import LockstepLink
@@ -316,7 +317,7 @@ def test_a_pause_in_a_recording_is_told_and_what_comes_after_it_is_shown(
     monkeypatch.setattr(reader, "SEARCH_S", 0.3)
     path = tmp_path / "run.spots"
     board = Board(LockstepLink(sensor, Held()))
-    with board, board.record(path):
+    with board, Recorder(board, path):
         for stream, seconds in (("touch", 0.3), ("off", 1.0), ("touch", 0.3)):
             board.command(f"stream {stream}")
             last = [frame for frame in board.frames(seconds) if isinstance(frame, Touch)][-1:]
@@ -409,7 +410,7 @@ def test_a_recording_is_shown_and_begins_again(serve, open_page, tmp_path):
     truth = Scenario(load(ScenarioFile, "demo"))
     path = tmp_path / "run.spots"
     board, _ = open_fast("default", truth, seed=0)
-    with board, board.record(path):
+    with board, Recorder(board, path):
         board.command("stream touch spectrum")
         for _ in board.frames(1.5):
             pass

@@ -9,6 +9,7 @@ from support.screens import SCREENS
 from support.serving import Bench, until
 
 from spots.link.board import Board
+from spots.recording.recorder import Recorder
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.scenario import Held, Press
 from spots_web.board_feed import _NEXT
@@ -101,7 +102,7 @@ def test_recordings(bench, serve, open_page, sensor, tmp_path):
     for name in "ab":
         with Board(LockstepLink(sensor, Held())) as board:
             board.command("stream touch")
-            with board.record(tmp_path / f"{name}.spots"):
+            with Recorder(board, tmp_path / f"{name}.spots"):
                 next(board.frames(0.1))
     one = bench(Held(), record_to=tmp_path)
     page = open_page(serve(one.state, queues=one.queues).url)

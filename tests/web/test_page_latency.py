@@ -15,6 +15,7 @@ import pytest
 from support.serving import until
 
 from spots.keyboard.layout import load
+from spots.recording.recorder import Recorder
 from spots.recording.replay import open_recording
 from spots_sim.demo.demo import open_fast
 from spots_sim.strip.files import ScenarioFile
@@ -35,7 +36,7 @@ def path(tmp_path_factory):
     """A recording of 90 s. It is played because a virtual board would need more processor time."""
     path = tmp_path_factory.mktemp("recordings") / "demo.spots"
     board, _ = open_fast("default", Scenario(load_file(ScenarioFile, "demo")), seed=0)
-    with board, board.record(path):
+    with board, Recorder(board, path):
         board.command("stream touch spectrum")
         for _ in board.frames(RECORDED_S):
             pass

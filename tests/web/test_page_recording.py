@@ -20,6 +20,7 @@ from spots.errors import SpotsError, StateError
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Touch
+from spots.recording.recorder import Recorder
 from spots.recording.recording import Recording
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.scenario import Held, Press
@@ -204,7 +205,7 @@ def recorded_at(sensor, calibration, path, place_mm, lasting_s):
     with Board(LockstepLink(sensor, held)) as board:
         prepare(board, calibration)
         board.command("stream touch")
-        with board.record(path):
+        with Recorder(board, path):
             end_s = board.now_s() + lasting_s
             while board.now_s() < end_s:
                 list(board.frames(0.02))
@@ -361,7 +362,7 @@ def test_the_name_of_a_file_stays_in_its_folder(recorded, tmp_path):
 def test_many_recordings_leave_nothing_in_the_way(sensor, tmp_path):
     with Board(LockstepLink(sensor, Held())) as board:
         for i in range(3):
-            with board.record(tmp_path / f"{i}.spots"):
+            with Recorder(board, tmp_path / f"{i}.spots"):
                 assert len(board._channel.taps) == len(board._on_close) == 1
 
 

@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from spots_device.board.command import Commands
 
 from ..errors import printable
+from ..recording.recorder import Recorder
 from . import arguments
 from .parser import Parser
 
@@ -62,7 +63,7 @@ def _monitor(options: argparse.Namespace) -> None:
             print(f"spots: {printable(fault)}", file=sys.stderr)
         with ExitStack() as stack:
             if options.record:
-                stack.enter_context(board.record(options.record))
+                stack.enter_context(Recorder(board, options.record))
                 stack.enter_context(hotkey("m", marker(board)))
             watch(board, options.seconds, quiet=False)
     if step:

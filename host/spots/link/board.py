@@ -12,8 +12,6 @@ The parts of a `Board`: `channel` (bytes, frames and replies), `commands`, `reco
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
-from importlib import import_module
-from pathlib import Path
 from typing import Any, Literal, NoReturn, TypeVar, cast, overload
 
 from ..errors import SettingError, StateError, printable
@@ -296,36 +294,6 @@ class Board(Readings, AbstractContextManager["Board"]):
                 self._streams.stop()
                 self._link.close()
 
-    def record(
-        self, path: str | Path, *, rotate_bytes: int | None = None
-    ) -> AbstractContextManager[Any]:
-        """Start a recording: a file with all bytes that arrive from now on.
-
-        Frames that have already arrived are not recorded, even if they are still unread.
-
-        Parameters
-        ----------
-        path : str or Path
-            Name of the new file.
-        rotate_bytes : int, optional
-            Largest size of a file, in bytes; a longer recording continues in another file. No limit
-            if not given.
-
-        Returns
-        -------
-        recording.recorder.Recorder
-            The recorder. The recording ends when you call the recorder's method ``stop()``, at the
-            end of its ``with`` block, or when the board is closed.
-
-        Raises
-        ------
-        SpotsError
-            If the file exists or cannot be written.
-        """
-        # By its name, because the recorder is a listener of this class.
-        recorder = import_module("spots.recording.recorder")
-        return recorder.Recorder(self, path, rotate_bytes=rotate_bytes)
-
     def mark(self, text: str) -> None:
         """Mark the present moment in all running recordings of this board.
 
@@ -343,7 +311,7 @@ class Board(Readings, AbstractContextManager["Board"]):
 
         Examples
         --------
-        >>> with board.record("run.spots"):  # doctest: +SKIP
+        >>> with spots.Recorder(board, "run.spots"):  # doctest: +SKIP
         ...     board.mark("trial 1")
         """
         if not isinstance(text, str) or not 0 < len(text.strip()) <= _MARK_MAX:  # pyright: ignore[reportUnnecessaryIsInstance]

@@ -14,6 +14,7 @@ from ..common import typed_ahead
 from ..errors import CalibrationError, SpotsError, printable
 from ..link.board import Board
 from ..terminal.view import Display
+from .recorder import Recorder
 
 
 def record(
@@ -26,7 +27,7 @@ def record(
 ) -> None:
     """Record the data of a board, for a given time or until Ctrl-C; show progress on stderr.
 
-    The time is that of `Board.now_s`; `rotate_bytes` is that of `Board.record`. `calibration` has
+    The time is that of `Board.now_s`; `rotate_bytes` is that of `Recorder`. `calibration` has
     lines to be stored in the recording; CalibrationError if they are not those that the board uses.
     With `marks`, each line of standard input marks its moment, see `Board.mark`. FileError if the
     file cannot be written.
@@ -41,7 +42,7 @@ def record(
             )
         board.calibration = calibration
     begun_s, frames = board.now_s(), 0
-    with board.record(path, rotate_bytes=rotate_bytes) as recorder:
+    with Recorder(board, path, rotate_bytes=rotate_bytes) as recorder:
 
         def line() -> str:
             paths, stats = recorder.paths, board.stats

@@ -12,9 +12,10 @@ from .writer import Writer
 
 
 class Recorder(Writer):
-    """Records all bytes that arrive from a board from now on; ends when the board is closed.
+    """Records all bytes that arrive from a board from now on.
 
-    Frames that have already arrived are not recorded, even if they are still unread.
+    The recording ends when you call `stop`, at the end of a ``with`` block, or when the board is
+    closed. Frames that have already arrived are not recorded, even if they are still unread.
 
     Parameters
     ----------
@@ -23,7 +24,8 @@ class Recorder(Writer):
     path : str or Path
         Name of the new file.
     rotate_bytes : int, optional
-        Largest size of a file in bytes, see `writer.Writer`.
+        Largest size of a file, in bytes; a longer recording continues in another file. No limit if
+        not given.
 
     Raises
     ------
@@ -31,6 +33,12 @@ class Recorder(Writer):
         If the file exists or cannot be written.
     SettingError
         If the board is a recording.
+
+    Examples
+    --------
+    >>> with spots.open("virtual") as board:  # doctest: +SKIP
+    ...     with spots.Recorder(board, "run.spots"):
+    ...         board.stream("touch", "spectrum")
     """
 
     def __init__(self, board: Board, path: str | Path, *, rotate_bytes: int | None = None):

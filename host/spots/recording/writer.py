@@ -77,6 +77,13 @@ class Writer(AbstractContextManager):
         """Record bytes that arrived at a time of the link's clock; ignored after the end.
 
         FileError if nothing more can be written, and `on_error` is None. The recording then ends.
+
+        Parameters
+        ----------
+        data : bytes
+            The bytes.
+        now_s : float
+            The time in seconds.
         """
         with self._lock:
             if data and self._disk is not None:
