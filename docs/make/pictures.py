@@ -11,6 +11,7 @@ from typing import NamedTuple
 from make import moving
 from rich.console import Console
 
+from spots.advice.calibrated import hello_calibrated
 from spots.common import atomic
 from spots.controller import controller as play
 from spots.controller.controller_settings import load as load_controller
@@ -19,7 +20,6 @@ from spots.keyboard import timing_picture
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load as load_layout
-from spots.link.calibrated import hello_calibrated
 from spots.link.frames import Spectrum, Touch
 from spots.terminal.view import StripView
 from spots.wearable import wearable_view

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from spots.advice.untrusted import CAUSES
 from spots.keyboard.hosts import host_of
 from spots.keyboard.key_layout import KeyLayout, parts_of
 from spots.keyboard.reach import causes
-from spots.link.untrusted import CAUSES
 from spots.outputs.usages import USAGES
 from spots.terminal.view import FLAG_WORDS
 from spots_device.board.settings import checksum

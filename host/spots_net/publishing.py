@@ -10,10 +10,10 @@ from typing import Any
 from spots.common.other_clock import OtherClock
 from spots.common.signals import released_by_signals
 from spots.errors import BoardError
-from spots.link.advice import learn_calibrations
 from spots.link.board import Board
 from spots.link.connect import open_named
 from spots.link.frames import Contact, Key, Spectrum, Touch
+from spots.link.stored import learn_calibrations
 
 from .options import configure
 from .outlet import DEFAULT, Outlet, maker

@@ -10,11 +10,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from spots.advice.calibrated import start_fault
 from spots.common.guarded import Guarded
 from spots.errors import BoardError, PortError, RefusedError, SpotsError
 from spots.keyboard.key_layout import KeyLayout
 from spots.link.board import Board
-from spots.link.calibrated import start_fault
 from spots.link.frames import (
     Contact,
     Key,

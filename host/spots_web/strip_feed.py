@@ -4,6 +4,7 @@ import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
 
+from spots.advice.advice import advice_for
 from spots.controller.controller import controller_for
 from spots.controller.controller_settings import ControllerSettings
 from spots.controller.controller_settings import load as load_controller
@@ -12,7 +13,6 @@ from spots.keyboard.hosts import host_of_file
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.key_layout import KeyLayout, parts_of, typed
 from spots.keyboard.reach import causes
-from spots.link.advice import advice_for
 from spots.link.board import Board
 from spots.link.frames import Key, Spectrum, Touch
 from spots.outputs.devices import AXIS_MAX

@@ -7,9 +7,9 @@ from statistics import fmean
 
 import pytest
 
+from spots.advice.contact_finder import ContactFinder
 from spots.keyboard.layout import load
 from spots.link.connect import upload_lines
-from spots.link.contact_finder import ContactFinder
 from spots.link.frames import Contact, Key, Touch
 from spots_device.fingers.contacts import (
     CONFIRMED,

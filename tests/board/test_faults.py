@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from support.refusals import refusal
 
+from spots.advice.calibrated import hello_calibrated
 from spots.errors import BoardError, PortError
-from spots.link.calibrated import hello_calibrated
 from spots_device.reading import decode
 
 pytestmark = pytest.mark.board

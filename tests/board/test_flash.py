@@ -14,6 +14,7 @@ from support.boards import refused, virtual_board
 from support.refusals import refusal
 
 import spots
+from spots.advice import lamps
 from spots.cli import main
 from spots.deploy import flash as flashing
 from spots.deploy import place
@@ -23,7 +24,6 @@ from spots.deploy.doctor import examine_board
 from spots.deploy.prompt import Prompt
 from spots.deploy.staging import device_of
 from spots.errors import BoardError, PortError
-from spots.link import lamps
 from spots.link import serial_link as link
 
 pytestmark = pytest.mark.usefixtures("shared_builds")

@@ -12,11 +12,11 @@ from support.refusals import refusal
 import spots
 from spots.deploy import staging
 from spots.errors import BoardError, PortError
-from spots.link.advice import stored_calibration
 from spots.link.board import Board
 from spots.link.connect import prepare, upload
 from spots.link.frames import Touch
 from spots.link.lines import of_sensor
+from spots.link.stored import stored_calibration
 from spots.terminal.monitor import watch
 from spots_device.board.settings import checksum
 from spots_device.keys.layout import KEYBOARD, action

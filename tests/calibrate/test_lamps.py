@@ -9,13 +9,13 @@ from msgspec import structs
 from rich.console import Console
 from support.refusals import refusal
 
+from spots.advice import lamps
 from spots.calibrate.session import steps
 from spots.calibrate.session.bench import Bench
 from spots.calibrate.session.guide import Guide
 from spots.calibrate.session.session_file import Session
 from spots.deploy.doctor import examine_board
 from spots.errors import StateError
-from spots.link import lamps
 from spots.link.board import Board
 from spots.link.connect import upload
 from spots.link.frames import Touch

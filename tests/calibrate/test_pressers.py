@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from support.refusals import refusal
 
+from spots.advice.calibrated import finger_missing
 from spots.calibrate import pressers
 from spots.calibrate.calibration_file import FINGER, INDENTER, CalibrationFile, Marks, Rezero
 from spots.calibrate.fit.points import Point
@@ -17,7 +18,6 @@ from spots.calibrate.session.presser import Presser
 from spots.calibrate.session.rezero import _drift, _evenly, marks_of
 from spots.calibrate.session.session_file import Session
 from spots.errors import CalibrationError, FileError
-from spots.link.calibrated import finger_missing
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.calibration_lines import CalibrationError as LinesError
 from spots_sim.strip.optics import Optics

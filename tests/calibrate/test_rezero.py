@@ -13,6 +13,7 @@ from rich.console import Console
 from support.refusals import refusal
 
 from spots import SpotsError, cli
+from spots.advice.advice import advice_for
 from spots.calibrate import calibration_file as file
 from spots.calibrate.fit.decoded import bounds_of, coarse_of, fit_of, segments_of
 from spots.calibrate.fit.drift import described
@@ -26,7 +27,6 @@ from spots.calibrate.session.rezero import rezero, use
 from spots.calibrate.session.session_file import Session, settings
 from spots.calibrate.session.spectra import DARK_S, SpectrumReader
 from spots.errors import CalibrationError, FileError
-from spots.link.advice import advice_for
 from spots.link.connect import upload
 from spots.link.frames import Touch
 from spots_device.board.settings import checksum

@@ -13,8 +13,8 @@ import json
 
 import numpy as np
 
+from spots.advice.advice import advice_for
 from spots.keyboard.layout import load as load_layout
-from spots.link.advice import advice_for
 from spots_sim.demo.demo import open_fast
 from spots_sim.person.typist import fast_typing
 from spots_sim.strip.files import SensorFile, load

@@ -5,7 +5,7 @@ from difflib import SequenceMatcher
 import msgspec
 import pytest
 
-from spots.link.advice import Advice
+from spots.advice.advice import Advice
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.wearable import gestures as g

@@ -51,7 +51,7 @@ COMMANDS = monitor, command
 
 
 def _monitor(options: argparse.Namespace) -> None:
-    from ..link.calibrated import next_step, sensor_fault, start_fault
+    from ..advice.calibrated import next_step, sensor_fault, start_fault
     from ..terminal.hotkey import hotkey, marker
     from ..terminal.monitor import watch
     from ..terminal.opening import open_announced

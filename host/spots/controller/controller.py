@@ -9,11 +9,11 @@ import msgspec
 from rich.live import Live
 from rich.panel import Panel
 
+from ..advice.calibrated import hello_often, run_engine
 from ..common.atomic import check_writable
 from ..common.signals import released_by_signals
 from ..errors import BoardError
 from ..link.board import Board
-from ..link.calibrated import hello_often, run_engine
 from ..link.frames import Touch
 from ..outputs.devices import Gamepad, State
 from ..outputs.open import open_gamepad

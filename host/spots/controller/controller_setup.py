@@ -7,10 +7,10 @@ from statistics import median
 
 import msgspec
 
+from ..advice.calibrated import hello_calibrated
 from ..common.signals import stop_explained
 from ..errors import CalibrationError, printable
 from ..link.board import Board
-from ..link.calibrated import hello_calibrated
 from ..link.frames import Touch
 from .controller_settings import DEFAULT, ControllerSettings, ForceAxis, PositionAxis, load, save
 

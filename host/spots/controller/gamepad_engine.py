@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from spots_device.fingers.tracker import TWO_FIT
 from spots_device.reading import decode
 
-from ..link.contact_finder import ContactFinder
+from ..advice.contact_finder import ContactFinder
 from ..link.frames import DOUBTFUL, Contact, Touch
 from ..outputs.devices import AXIS_MAX, REST, State
 from .controller_settings import (
@@ -60,9 +60,8 @@ class Controller:
         Whether the last valid `state` is kept because readings are untrusted or missing.
     """
 
-    objects = (
-        0  # a controller detects no objects that are not fingers, see `link.calibrated.run_engine`
-    )
+    # A controller detects no objects that are not fingers, see `advice.calibrated.run_engine`.
+    objects = 0
 
     def __init__(
         self,

@@ -10,18 +10,18 @@ from typing import NamedTuple
 from spots_device import __version__
 from spots_device.reading import decode
 
+from ..advice import lamps
+from ..advice.calibrated import finger_missing, next_step, start_fault
+from ..advice.key_exposure import sentence, shortest_us
 from ..common import typed_ahead
 from ..errors import AtPromptError, BoardError, SpotsError, printable
-from ..link import lamps
-from ..link.advice import stored_calibration, stored_layout
 from ..link.board import Board
-from ..link.calibrated import finger_missing, next_step, start_fault
 from ..link.connect import open as open_board
 from ..link.frames import Spectrum
-from ..link.key_exposure import sentence, shortest_us
 from ..link.ports import no_port, scheme_name
 from ..link.replies import Get, Hello
 from ..link.serial_link import SerialLink
+from ..link.stored import stored_calibration, stored_layout
 from .finding import Finding
 from .place import on_port, restarted, the_board
 from .press_check import at_mark, fit

@@ -8,11 +8,11 @@ import numpy as np
 
 from spots_device.reading.decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK
 
-from ..link.advice import stored_calibration
+from ..advice.notice import WRONG_UM, cause_of, notice_for
 from ..link.board import Board
 from ..link.frames import Spectrum, Touch
-from ..link.notice import WRONG_UM, cause_of, notice_for
 from ..link.replies import Get
+from ..link.stored import stored_calibration
 from .finding import Finding
 
 _FOR_S = 1.0  # duration of the readings, at least `_READINGS`

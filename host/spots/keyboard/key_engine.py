@@ -7,7 +7,7 @@ from spots_device.keys.layout import parse
 from spots_device.keys.merge import Merger
 from spots_device.reading.decode import LED_OFF
 
-from ..link.contact_finder import TYPICAL_DECAY, tracker_arguments
+from ..advice.contact_finder import TYPICAL_DECAY, tracker_arguments
 from ..link.frames import Touch
 from ..link.timeouts import RELEASE_S
 from ..outputs.devices import Keyboard, KeySink

@@ -5,10 +5,10 @@ import math
 import sys
 from functools import partial
 
+from ..advice.calibrated import hello_often, run_engine
 from ..common.signals import released_by_signals
 from ..errors import BoardError, SettingError
 from ..link.board import Board
-from ..link.calibrated import hello_often, run_engine
 from ..link.timeouts import RELEASE_S
 from ..outputs.devices import Keyboard
 from ..outputs.open import open_keyboard

@@ -12,11 +12,11 @@ from rich.text import Text
 from spots_device.keys import layout as lines_of
 from spots_device.keys.layout import BEHAVIOUR
 
+from ..advice.key_exposure import is_automatic, sentence, shortest_us
 from ..errors import FileError, SettingError, printable
-from ..link.advice import stored_calibration, stored_layout
 from ..link.board import Board
 from ..link.connect import ensured, upload_lines
-from ..link.key_exposure import is_automatic, sentence, shortest_us
+from ..link.stored import stored_calibration, stored_layout
 from ..outputs.usages import ALIASES, KEYBOARD, MODIFIERS_FROM, ON_BOARDS, USAGES, name_of
 from ..terminal.view import framed
 from . import trial

@@ -14,11 +14,11 @@ from spots_device.reading.calibration_lines import CalibrationError as LinesErro
 from spots_device.reading.rescale import rescale  # pyright: ignore[reportUnknownVariableType]
 
 from ..errors import CalibrationError, NoReplyError, PortError, SpotsError, path_text
-from .advice import learn_calibrations
 from .board import Board
 from .lines import of_sensor
 from .ports import comes_and_goes, known, opener
 from .serial_link import SerialLink, usb_boards, usb_ports
+from .stored import learn_calibrations
 
 _LOOK_EVERY_S = 1.0  # time between two attempts with the option ``wait``
 # Field of the reply to ``hello`` with the checksum of uploaded lines, by the command of the upload.

@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import SettingError
-from ..link.advice import stored_calibration
 from ..link.board import Board
 from ..link.lines import of_sensor
 from ..link.readers import Handle
+from ..link.stored import stored_calibration
 from .writer import Writer
 
 

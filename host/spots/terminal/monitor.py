@@ -6,10 +6,10 @@ from contextlib import suppress
 
 from rich.console import Group
 
+from ..advice.advice import advice_for, streams
+from ..advice.calibrated import finger_missing, next_step
 from ..errors import BoardError
-from ..link.advice import advice_for, streams
 from ..link.board import Board
-from ..link.calibrated import finger_missing, next_step
 from ..link.frames import Touch
 from ..link.lines import of_sensor
 from ..link.replies import Hello

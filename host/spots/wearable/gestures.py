@@ -13,7 +13,7 @@ from spots_device.fingers.tracker import ContactTracker
 from spots_device.keys.layout import default_lines, parse
 from spots_device.reading.decode import LED_OFF
 
-from ..link.contact_finder import tracker_arguments
+from ..advice.contact_finder import tracker_arguments
 from ..link.frames import Touch
 from ..link.timeouts import RELEASE_S
 from .margins import above, below

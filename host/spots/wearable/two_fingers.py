@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from spots_device.fingers.contacts import CONFIRMED
 from spots_device.reading.decode import LED_OFF, SATURATED
 
-from ..link.contact_finder import ContactFinder
+from ..advice.contact_finder import ContactFinder
 from ..link.frames import Contact, Touch
 from .margins import above, below
 
@@ -31,9 +31,9 @@ _SIGMAS = 4.0  # distance of a slide in standard deviations that gives a confide
 class TwoFingers:
     """Detects gestures of two fingers in the readings of one strip.
 
-    Decay and cross-sensitivity are those of `link.contact_finder.ContactFinder`. `both` is whether
-    two fingers have touched together for at least 0.15 s (longer than fingers overlap in typing),
-    and at least one of them still touches. `pair` is None unless two fingers touch.
+    Decay and cross-sensitivity are those of `advice.contact_finder.ContactFinder`. `both` is
+    whether two fingers have touched together for at least 0.15 s (longer than fingers overlap in
+    typing), and at least one of them still touches. `pair` is None unless two fingers touch.
     """
 
     def __init__(

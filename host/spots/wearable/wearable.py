@@ -9,11 +9,11 @@ import msgspec
 
 from spots_device.keys.layout import LIMITS
 
+from ..advice.calibrated import hello_often, run_engine
 from ..common import toml
 from ..common.signals import released_by_signals
 from ..errors import FileError, SettingError, SpotsError, did_you_mean
 from ..link.board import Board
-from ..link.calibrated import hello_often, run_engine
 from ..link.timeouts import RELEASE_S
 from ..outputs.devices import Keyboard
 from ..outputs.open import open_keyboard

@@ -10,8 +10,8 @@ import argparse
 import math
 import random
 
+from spots.advice.contact_finder import ContactFinder
 from spots.cli.arguments import number
-from spots.link.contact_finder import ContactFinder
 from spots.link.frames import Touch
 from spots_device.fingers.contacts import PROVISIONAL
 

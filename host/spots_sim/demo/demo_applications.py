@@ -7,6 +7,7 @@ from contextlib import suppress
 
 from rich.console import Console
 
+from spots.advice.calibrated import hello_calibrated
 from spots.controller.controller import ControllerView, controller_for
 from spots.controller.controller import play as play_gamepad
 from spots.controller.controller_settings import load as load_settings
@@ -15,7 +16,6 @@ from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
-from spots.link.calibrated import hello_calibrated
 from spots.link.frames import Key, Touch
 from spots.outputs.devices import Gamepad, PrintedGamepad
 from spots.terminal.view import Pace, drawn

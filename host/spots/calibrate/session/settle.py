@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from spots_device.sensor.exposure import full_scale, registers
 
+from ...advice import lamps
 from ...errors import SettingError
-from ...link import lamps
 from ...link.connect import ensured
 from ..fit.choose import choose, passes
 from ..fit.points import Wanted, presses

@@ -6,8 +6,8 @@ import argparse
 
 import numpy as np
 
+from ...advice.calibrated import NO_FINGER
 from ...errors import CalibrationError
-from ...link.calibrated import NO_FINGER
 from .. import calibration_file as file
 from .. import pressers
 from ..fit.fit import PLACES_MIN

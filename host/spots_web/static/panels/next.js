@@ -30,7 +30,7 @@ function played(recording) {
   return recording?.playing ? `the recording ${recording.playing} is played; next: to see the board again, ${way("open-recordings", "press ‘Show the board’")}` : "";
 }
 
-// The sentence of `finger_missing` in spots/link/calibrated.py.
+// The sentence of `finger_missing` in spots/advice/calibrated.py.
 function fingerMissing(board) {
   return board?.presser === "no_finger" ? "calibrated with an indenter, not yet with a finger; next: spots rezero" : "";
 }

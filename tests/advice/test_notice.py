@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from spots.advice.advice import Advice, advice_for
+from spots.advice.notice import PRESSES_A_WEEK, Cusum, Floor, notice_for
+from spots.advice.run_length import MOST, run_length, threshold
 from spots.common.press_spectra import PressSpectra, press_spectra
 from spots.keyboard.keyboard import type_on
 from spots.keyboard.layout import load as load_layout
-from spots.link.advice import Advice, advice_for, stored_calibration
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Spectrum, Touch
-from spots.link.notice import PRESSES_A_WEEK, Cusum, Floor, notice_for
-from spots.link.run_length import MOST, run_length, threshold
+from spots.link.stored import stored_calibration
 from spots.outputs.devices import PrintedKeyboard
 from spots_device.board.settings import checksum
 from spots_device.reading.decode import DARK_SUBTRACTED, LED_OFF, MISFIT, TOO_DARK, TOUCHING

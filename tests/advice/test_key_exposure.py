@@ -2,12 +2,12 @@
 
 import pytest
 
+from spots.advice.key_exposure import sentence, shortest_us
 from spots.deploy.doctor import examine_board
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.connect import prepare
-from spots.link.key_exposure import sentence, shortest_us
 from spots_device.keys.layout import KEYBOARD, action, default_lines
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.person.stage import calibrate

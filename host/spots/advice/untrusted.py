@@ -3,7 +3,7 @@
 from spots_device.fingers.tracker import TWO_FIT
 from spots_device.reading import decode
 
-from .frames import Touch
+from ..link.frames import Touch
 
 # Time of untrusted readings before a warning, in s. Applications need a reading every 0.3 s at
 # least, so the warning comes within a second.

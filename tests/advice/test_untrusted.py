@@ -6,6 +6,7 @@ import re
 import pytest
 from rich.console import Console
 
+from spots.advice.untrusted import Untrusted
 from spots.controller import controller
 from spots.controller.controller_settings import load as load_settings
 from spots.keyboard.keyboard import type_on
@@ -13,7 +14,6 @@ from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.connect import prepare, upload
 from spots.link.frames import Touch
-from spots.link.untrusted import Untrusted
 from spots.outputs.devices import PrintedGamepad, PrintedKeyboard
 from spots.terminal import view
 from spots.terminal.monitor import watch

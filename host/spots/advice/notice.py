@@ -19,8 +19,8 @@ from spots_device.reading import decode
 from spots_device.sensor.smux import CHANNELS
 
 from ..common.press_spectra import PressSpectra, press_spectra
+from ..link.frames import Spectrum, Touch
 from . import drift_model
-from .frames import Spectrum, Touch
 from .run_length import MOST, threshold
 
 WRONG_UM = 500.0  # positions that are wrong by more than this are reported

@@ -21,7 +21,7 @@ from spots_device.reading.decode import (
     POSITION_UM,
 )
 
-from .frames import Contact, Touch
+from ..link.frames import Contact, Touch
 
 TYPICAL_DECAY = 289  # log2 units per um, times 2**24; for boards that do not report the decay
 

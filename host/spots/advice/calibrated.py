@@ -10,11 +10,11 @@ from typing import Any
 
 from ..common.signals import resumed
 from ..errors import BoardError, SpotsError
+from ..link.board import Board
+from ..link.board_errors import in_words
+from ..link.frames import Touch
+from ..link.replies import Hello
 from .advice import advice_for, streams
-from .board import Board
-from .board_errors import in_words
-from .frames import Touch
-from .replies import Hello
 
 
 def hello_calibrated(board: Board) -> Hello:

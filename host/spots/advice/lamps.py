@@ -7,7 +7,7 @@ import numpy as np
 
 from spots_device.reading.decode import LED_OFF
 
-from .board import Board
+from ..link.board import Board
 
 # Exposures so short that no flicker of lamps averages out. A flicker of another frequency may look
 # like 100 or 120 Hz at one of these sample rates (aliasing), but not at both.

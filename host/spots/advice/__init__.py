@@ -1,0 +1,1 @@
+"""What readings and a calibration say about a strip, and what to do."""
