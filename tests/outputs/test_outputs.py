@@ -72,8 +72,13 @@ def test_a_line_tells_the_name_of_a_key_that_goes_down_or_up(printed, lines):
     assert lines == ["down  PLAY_PAUSE", "up    PLAY_PAUSE"]
 
 
-def test_a_click_presses_modifiers_before_their_key_and_releases_them_after_it(printed, lines):
+def test_a_click_presses_modifiers_before_their_key_and_releases_them_after_it(
+    printed, lines, monkeypatch
+):
+    held = []
+    monkeypatch.setattr(outputs.time, "sleep", lambda time_s: held.append((time_s, len(lines))))
     printed.click(*A, SHIFT | 1)
+    assert held == [(0.02, 3)]  # as long as a tapped key, while all are down
     names = [line.split() for line in lines]
     assert names[:3] == [["down", "LEFT_CONTROL"], ["down", "LEFT_SHIFT"], ["down", "A"]]
     assert names[3:] == [["up", "A"], ["up", "LEFT_SHIFT"], ["up", "LEFT_CONTROL"]]

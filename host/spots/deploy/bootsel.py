@@ -5,10 +5,10 @@ permission for serial ports.
 """
 
 import os
-import sys
 from contextlib import suppress
 from pathlib import Path
 
+from rich.console import Console
 from rich.progress import track
 
 from ..errors import PortError, SettingError, printable
@@ -92,11 +92,12 @@ def _the_drive(folder: str | None) -> BootDrive:
 
 def _copy(data: bytes, folder: Path) -> None:
     path = folder / "spots.uf2"
-    left, steps, hidden = len(data), range(0, len(data), _CHUNK), not sys.stdout.isatty()
+    left, steps, console = len(data), range(0, len(data), _CHUNK), Console(stderr=True)
+    hidden = not console.is_terminal
     try:
         # Unbuffered: the board restarts with the last block, so closing the file may fail.
         with open(path, "wb", buffering=0) as file:
-            for at in track(steps, "copying", disable=hidden, transient=True):
+            for at in track(steps, "copying", console=console, disable=hidden, transient=True):
                 view = memoryview(data)[at : at + _CHUNK]
                 while view:
                     written = file.write(view)

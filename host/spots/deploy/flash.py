@@ -1,11 +1,11 @@
 """Copies the firmware to a board. The board never starts a partial copy."""
 
 import hashlib
-import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
+from rich.console import Console
 from rich.progress import track
 
 from spots_device import __version__
@@ -228,8 +228,9 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
     remove_folders(target, plan.remove)
     if plan.claim:
         target.write(MANIFEST, plan.claim)
-    hidden = not sys.stdout.isatty()
-    for path in track(plan.copy, "copying", disable=hidden, transient=True):
+    console = Console(stderr=True)
+    hidden = not console.is_terminal
+    for path in track(plan.copy, "copying", console=console, disable=hidden, transient=True):
         target.write(path, files[path])
     print(f"{len(plan.copy)} files copied" if plan.copy else "nothing to copy")
 

@@ -87,7 +87,7 @@ def restarted(
     """
     deadline_s = time.monotonic() + _RETURN_S
     reason = "the board is not on USB"
-    console, waits = Console(), f"waiting up to {_RETURN_S:g} s for the board to restart"
+    console, waits = Console(stderr=True), f"waiting up to {_RETURN_S:g} s for the board to restart"
     with cursor_shown(console), console.status(waits):
         while time.monotonic() < deadline_s:
             time.sleep(_POLL_S)

@@ -15,9 +15,13 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
+from spots_device.keys.layout import LIMITS
+
 from ..common.signals import SECTION
 from ..errors import SettingError, SpotsError
 from .usages import KEYBOARD, MODIFIERS, MODIFIERS_FROM, USAGES, Usage, name_of
+
+TAP_S = LIMITS["tap_ms"][2] / 1000
 
 AXIS_MAX = 32_767  # as in the reports of `spots_device.keys.reports`
 BUTTONS = 16
@@ -145,7 +149,7 @@ class Keyboard(Output):
                 self._down.remove(one)
             self._flush()
 
-    def click(self, page: int, usage: int, modifiers: int, down_s: float = 0.0) -> None:
+    def click(self, page: int, usage: int, modifiers: int, down_s: float = TAP_S) -> None:
         """Press and release a key with its modifiers.
 
         Parameters
@@ -153,8 +157,9 @@ class Keyboard(Output):
         page, usage, modifiers : int
             HID usage page, usage, and bits of the modifier keys, see `usages.chord_of`.
         down_s : float, optional
-            Time in s between press and release, during which this function waits. Games and remote
-            desktops can miss a shorter press than some 20 ms.
+            Time in s between press and release, during which this function waits. The default is
+            that of a tapped key of a strip with keys: games and remote desktops can miss a shorter
+            press.
 
         Raises
         ------

@@ -7,8 +7,6 @@ from typing import Annotated
 
 import msgspec
 
-from spots_device.keys.layout import LIMITS
-
 from ..advice.calibrated import hello_often, run_engine
 from ..common import toml
 from ..common.signals import released_by_signals
@@ -26,7 +24,6 @@ from .wearable_view import picture
 FOLDER = Path(__file__).parent / "wearables"
 DEFAULT = FOLDER / "media.toml"
 _TICK_S = 0.02
-_DOWN_S = LIMITS["tap_ms"][2] / 1000  # as long as a tapped key of a strip with keys
 
 
 class GesturesFile(toml.Strict):
@@ -73,7 +70,7 @@ class Mapping:
     def do(self, gesture: Gesture, keyboard: Keyboard) -> None:
         """Press and release the key of a gesture if the gesture's confidence is high enough."""
         if self.pressed_by(gesture):
-            keyboard.click(*self.keys[gesture.name], down_s=_DOWN_S)
+            keyboard.click(*self.keys[gesture.name])
 
 
 def wearable_command(options: argparse.Namespace) -> None:
