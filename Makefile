@@ -129,7 +129,7 @@ paper: .venv/test
 	@$(BIN)/python docs/make/paper.py docs
 	@$(BIN)/python docs/make/linkage_page.py docs
 	@$(BIN)/python docs/make/applications_page.py docs
-	@$(BIN)/python docs/make/cheapest_page.py
+	@PYTHONPATH=tools $(BIN)/python docs/make/cheapest_page.py
 
 clean:
 	rm -rf .venv build dist tests/wasm/node_modules tests/web/browser/node_modules

@@ -22,7 +22,8 @@ from make import (
     timings,
 )
 
-from spots_sim.measure import effects, survey
+from evidence import effects
+from spots_sim.measure import survey
 from spots_sim.strip.files import load
 
 pytestmark = pytest.mark.board

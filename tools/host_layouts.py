@@ -17,10 +17,9 @@ import sys
 import unicodedata
 from pathlib import Path
 
-from xkb import Xkb
-
 from spots.keyboard import hosts
 from spots.outputs.usages import USAGES
+from xkb import Xkb
 
 COMPOSE = Path("/usr/share/X11/locale/en_US.UTF-8/Compose")
 PACKAGES = ("xkb-data", "libx11-data", "libxkbcommon0")

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from statistics import mean
 
-from spots_sim.measure import effects
+from evidence import effects
 
 _ROOT = Path(__file__).parents[2]
 _PAGE = _ROOT / "docs/build/cheapest.md"

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from support.press_model import ALONG, OFF_CENTRE, PRESSED, Strip, has_cross
 
+from evidence.effects import errors, with_keys
 from spots.calibrate.fit.decoded import Decoded
 from spots.calibrate.fit.fit import fit
 from spots.calibrate.fit.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
@@ -16,7 +17,6 @@ from spots_device.keys.layout import default_lines, parse
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.decode import FOUND, MISFIT, MISFIT_Q12, TOLERANCE_Q12, TOO_DARK
 from spots_device.reading.rescale import rescale
-from spots_sim.measure.effects import errors, with_keys
 from spots_sim.measure.rig import Rig
 
 FORCES_MN = 600.0, 1100.0, 2700.0, 9000.0

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.press_model import Strip, has_cross
 
+from evidence.effects import with_keys
 from spots.calibrate.calibration_file import CalibrationFile, Marks, now
 from spots.calibrate.fit.cross_lines import CrossLines
 from spots.calibrate.fit.decoded import Decoded
@@ -15,7 +16,6 @@ from spots.calibrate.session.make import _joint
 from spots.calibrate.session.rezero import rezero
 from spots.calibrate.session.session_file import Session
 from spots_device.reading.calibration import Calibration
-from spots_sim.measure.effects import with_keys
 from spots_sim.measure.rezeroed import silent_bench
 from spots_sim.measure.rig import Rig
 from spots_sim.person.stage_presser import StagePresser

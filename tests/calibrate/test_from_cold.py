@@ -1,10 +1,10 @@
-"""The sensor file `real`, an aged strip, from a cold LED on; see `demo.from_cold`."""
+"""The sensor file `real`, an aged strip, from a cold LED on; see `evidence.from_cold`."""
 
 import numpy as np
 import pytest
 from support.sensors import replaced
 
-from spots_sim.demo.from_cold import joint, typing
+from evidence.from_cold import joint, typing
 from spots_sim.measure.bound import Bound
 from spots_sim.strip.files import SensorFile, load
 

@@ -5,11 +5,11 @@ import pytest
 from msgspec import structs
 from support.refusals import refusal
 
+from evidence.effects import errors
 from spots.calibrate.fit.fit import estimators
 from spots.errors import CalibrationError, SettingError
 from spots_device.reading.calibration import Calibration
 from spots_sim.measure import measurements
-from spots_sim.measure.effects import errors
 from spots_sim.measure.measurements import (
     Run,
     _force,

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from evidence.effects import with_keys
 from spots.calibrate.fit.curves import Curves
 from spots.calibrate.fit.presses import Noise, Presses
 from spots.calibrate.fit.surface_search import fitted
 from spots_sim.measure.bound import Bound
-from spots_sim.measure.effects import with_keys
 from spots_sim.strip.files import SensorFile, load
 
 pytestmark = pytest.mark.board

@@ -16,6 +16,7 @@ import pytest
 from rich.console import Console
 from support.refusals import refusal
 
+from evidence.anchored import sliding
 from spots import SpotsError, cli
 from spots.controller import controller as play
 from spots.controller import controller_setup
@@ -34,7 +35,6 @@ from spots.terminal import view
 from spots_device.reading.decode import TOO_DARK, TOUCHING
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.demo import demo, demo_applications, virtual
-from spots_sim.demo.anchored import sliding
 from spots_sim.measure.controller_score import ControllerScore
 from spots_sim.strip.files import Finger, ScenarioFile, load
 from spots_sim.strip.scenario import Held, Press, Scenario

@@ -6,9 +6,9 @@ import unicodedata
 
 import numpy as np
 import pytest
-import xkb
 from support.engine_bench import Bench
 
+import xkb
 from spots import cli
 from spots.errors import SpotsError
 from spots.keyboard import hosts

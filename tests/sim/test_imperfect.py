@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from support.sensors import replaced
 
+from evidence.effects import errors, main, with_keys
 from spots.calibrate.calibration_file import INDENTER
 from spots.calibrate.pressers import used_by
 from spots.errors import SpotsError
 from spots_sim.board.identity import board_id
 from spots_sim.measure.bound import Bound
-from spots_sim.measure.effects import errors, main, with_keys
 from spots_sim.measure.rig import Rig
 from spots_sim.person.by_hand import calibrate_by_hand
 from spots_sim.person.person import follow_pipe, line_of

@@ -2,8 +2,8 @@
 
 import pytest
 
+from evidence import made_at_home
 from spots.wearable import gestures as g
-from spots_sim.demo import made_at_home
 from spots_sim.strip.scenario import Scenario
 
 

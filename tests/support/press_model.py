@@ -2,13 +2,13 @@
 
 import numpy as np
 
+from evidence.effects import with_keys
 from spots.calibrate.fit.decoded import Decoded
 from spots.calibrate.fit.fit import fit
 from spots.calibrate.fit.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
 from spots_device.reading.calibration import Calibration, Conditions
 from spots_device.reading.decode import TOUCHING
 from spots_sim.measure.bound import Bound
-from spots_sim.measure.effects import with_keys
 from spots_sim.strip.files import SensorFile, load
 
 PLAN = "F3", "F4", "F5", "F6", "F7", "F8"

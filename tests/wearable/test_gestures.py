@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from evidence.anchored import sliding
 from spots import cli
 from spots.keyboard.layout import load as load_layout
 from spots.link.frames import Touch
@@ -13,7 +14,6 @@ from spots.outputs.devices import Keyboard
 from spots.wearable import gestures as g
 from spots.wearable.gestures import Gestures
 from spots.wearable.wearable import Mapping, play
-from spots_sim.demo.anchored import sliding
 from spots_sim.demo.demo import open_fast
 from spots_sim.person.typist import fast_typing
 from spots_sim.strip.files import Finger, ScenarioFile, load

@@ -5,10 +5,10 @@ marks with a finger. Then it is bent by 45 degrees, and the person presses the m
 pose. Everything happens under 5 uW/cm2 of ambient light. Prints one line of JSON for each hand
 (random seed), and then their median or sum:
 
-    python -m spots_sim.demo.made_at_home positions --first-seed 7000 --hands 5
-    python -m spots_sim.demo.made_at_home typing 40 60
-    python -m spots_sim.demo.made_at_home gestures
-    python -m spots_sim.demo.made_at_home dust 0.1 0.3 1 2 --kind rough
+    PYTHONPATH=tools python -m evidence.made_at_home positions --first-seed 7000 --hands 5
+    PYTHONPATH=tools python -m evidence.made_at_home typing 40 60
+    PYTHONPATH=tools python -m evidence.made_at_home gestures
+    PYTHONPATH=tools python -m evidence.made_at_home dust 0.1 0.3 1 2 --kind rough
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from spots.calibrate.session.rezero import rezero
 from spots.cli import arguments
 from spots.wearable import gestures as g
 from spots.wearable.wearable import Mapping, play
+from spots_sim.board.identity import board_id
+from spots_sim.demo.demo import open_fast
+from spots_sim.demo.typing_speed import added, interval_percent, typed
+from spots_sim.measure.rezeroed import silent_bench
+from spots_sim.measure.rig import Rig
+from spots_sim.person.by_hand import PRESSES, calibrate_by_hand
+from spots_sim.person.kept import kept
+from spots_sim.person.stage_presser import StagePresser
+from spots_sim.strip.files import Ambient, Finger, ScenarioFile, SensorFile, load
+from spots_sim.strip.scenario import Scenario
 
-from ..board.identity import board_id
-from ..measure.effects import errors, with_keys
-from ..measure.rezeroed import silent_bench
-from ..measure.rig import Rig
-from ..person.by_hand import PRESSES, calibrate_by_hand
-from ..person.kept import kept
-from ..person.stage_presser import StagePresser
-from ..strip.files import Ambient, Finger, ScenarioFile, SensorFile, load
-from ..strip.scenario import Scenario
-from .demo import open_fast
-from .typing_speed import added, interval_percent, typed
+from .effects import errors, with_keys
 
 BEND_DEG, LIGHT_UW_CM2 = 45.0, 5.0
 FORCES_N = 1.0, 3.0, 6.0

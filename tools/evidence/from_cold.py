@@ -1,8 +1,8 @@
 """Measures errors of typing, and of a joint's angle, while the LED of the strip warms up.
 
-Run it with ``python -m spots_sim.demo.from_cold 20``; the argument is a number of simulated
-minutes. The strip was calibrated with a warm LED. Since its calibration the strip has changed as
-the table ``[change]`` of its sensor file describes.
+Run it with ``PYTHONPATH=tools python -m evidence.from_cold 20``; the argument is a number of
+simulated minutes. The strip was calibrated with a warm LED. Since its calibration the strip has
+changed as the table ``[change]`` of its sensor file describes.
 """
 
 from __future__ import annotations
@@ -22,21 +22,20 @@ from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.connect import prepare, upload
 from spots.link.frames import Touch
-
-from ..board.lockstep import LockstepLink
-from ..measure.rezeroed import Hand, age, silent_bench
-from ..measure.rig import Rig
-from ..person.stage import Stage
-from ..person.stage_presser import StagePresser
-from ..person.typist import Typist
-from ..strip.files import (
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.demo.demo_applications import type_on_board
+from spots_sim.measure.rezeroed import Hand, age, silent_bench
+from spots_sim.measure.rig import Rig
+from spots_sim.person.stage import Stage
+from spots_sim.person.stage_presser import StagePresser
+from spots_sim.person.typist import Typist
+from spots_sim.strip.files import (
     JOINT_TRAVEL,
     ScenarioFile,
     SensorFile,
     load,
 )
-from ..strip.scenario import Scenario
-from .demo_applications import type_on_board
+from spots_sim.strip.scenario import Scenario
 
 WARM_MIN = 5  # minutes: five time constants of the warming LED
 _SHARES = np.linspace(0, 1, 31)  # angles, as shares of the joint's travel

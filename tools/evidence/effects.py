@@ -4,8 +4,8 @@ A stage with an indenter calibrates the strip. Then a finger presses it at 19 ot
 random order. The program prints a line for each force. Its command line changes keys of the sensor
 file:
 
-    python -m spots_sim.measure.effects --set contact.gap_percent=10 --exposure-us 10000
-    python -m spots_sim.measure.effects --later phosphor_nm=0.5 --rezero 3
+    PYTHONPATH=tools python -m evidence.effects --set contact.gap_percent=10 --exposure-us 10000
+    PYTHONPATH=tools python -m evidence.effects --later phosphor_nm=0.5 --rezero 3
 """
 
 from __future__ import annotations
@@ -24,12 +24,11 @@ from spots.calibrate.pressers import used_by
 from spots.cli import arguments
 from spots.common import schema, toml
 from spots.errors import SettingError, SpotsError
-
-from ..person.by_hand import calibrate_by_hand
-from ..strip.files import SensorFile, load
-from .measurements import PLACES, bound_of
-from .rezeroed import Hand, age
-from .rig import Rig
+from spots_sim.measure.measurements import PLACES, bound_of
+from spots_sim.measure.rezeroed import Hand, age
+from spots_sim.measure.rig import Rig
+from spots_sim.person.by_hand import calibrate_by_hand
+from spots_sim.strip.files import SensorFile, load
 
 FORCES_N = (0.6, 1.0, 3.0)
 _READINGS = 20  # at each place

@@ -1,7 +1,7 @@
 """Measures the position error of a finger that slides while another finger rests.
 
-Run it with ``python -m spots_sim.demo.anchored 50``; the arguments are speeds of the sliding finger
-in mm/s. The resting finger touches the strip first and is called the first finger.
+Run it with ``PYTHONPATH=tools python -m evidence.anchored 50``; the arguments are speeds of the
+sliding finger in mm/s. The resting finger touches the strip first and is called the first finger.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from spots.advice.contact_finder import ContactFinder
 from spots.cli.arguments import number
 from spots.link.frames import Touch
 from spots_device.fingers.contacts import PROVISIONAL
-
-from ..strip.files import Finger, ScenarioFile
-from ..strip.scenario import Scenario
-from .demo import open_fast
+from spots_sim.demo.demo import open_fast
+from spots_sim.strip.files import Finger, ScenarioFile
+from spots_sim.strip.scenario import Scenario
 
 _START_S = 3.0  # before this time, a virtual board takes its first dark frames
 _EVERY_S = 0.05  # time between two points of a path

@@ -1,0 +1,1 @@
+"""Measures simulated strips for documents and tests; run with ``PYTHONPATH=tools``."""
