@@ -70,13 +70,8 @@ _NONE = const(-1)
 class Engine:
     """Turns events of switches into actions of keys.
 
-    Parameters
-    ----------
-    sink : object
-        Receives the key events, see `merge.Merger`. ``has_room()`` returns whether it can take the
-        reports of an event.
-    merger : merge.Merger
-        State of the keyboard.
+    `sink` receives the key events, see `merge.Merger`; ``sink.has_room()`` returns whether it can
+    take the reports of an event.
     """
 
     def __init__(self, sink, merger):

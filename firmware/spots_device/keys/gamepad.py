@@ -11,13 +11,7 @@ _X_MAX = 32_767
 
 
 class GamepadAxes:
-    """Turns readings into the state of a gamepad.
-
-    Parameters
-    ----------
-    sink : reports.GamepadReports
-        Receives the axes and the button.
-    """
+    """Turns readings into the axes and the button of a `reports.GamepadReports`."""
 
     def __init__(self, sink):
         self._sink = sink
@@ -26,12 +20,8 @@ class GamepadAxes:
     def set_range(self, length_um, full_mN):
         """Centre the axes, release the button, and set the full scale of the axes.
 
-        Parameters
-        ----------
-        length_um : int
-            Length of the strip in um; a press at the strip's far end moves X to its right end.
-        full_mN : int
-            Force in mN that moves Z to its maximum.
+        A press at `length_um` moves X to its right end, and a force of `full_mN` moves Z to its
+        maximum.
         """
         self.release()
         self._length_um = max(1, length_um)
@@ -43,13 +33,8 @@ class GamepadAxes:
     def take(self, flags, position_um, force_mN):
         """Process a reading; during a touch, an untrusted reading changes nothing.
 
-        Parameters
-        ----------
-        flags : int
-            Flag bits of the reading, see the module `decode`. Any bit of `tracker.DOUBTFUL` marks
-            the reading as untrusted, unless these bits are exactly `tracker.TWO_FIT`.
-        position_um, force_mN : int
-            Position in um and force in mN.
+        Any bit of `tracker.DOUBTFUL` marks the reading as untrusted, unless these bits are exactly
+        `tracker.TWO_FIT`.
         """
         if not flags & d.TOUCHING:
             self._sink.update(0, 0, 0, 0)

@@ -4,24 +4,9 @@
 class KeyMap:
     """A validated layout, made by `layout.parse`.
 
-    Each statement of `layout.LIMITS` is an attribute. Durations are in ticks (see tracker.py), and
-    the names of their attributes end in ``_t`` instead of ``_ms``.
-
-    Attributes
-    ----------
-    keys : array of int
-        `KEY_SIZE` integers for each key. The row of a key is the index of its first integer.
-    behaviours : array of int
-        Kind and numbers of all behaviours; `behaviour` returns where one begins. Times are in
-        ticks.
-    steps : array of int
-        Steps of all texts.
-    kinds : tuple of int
-        Kinds of all behaviours.
-    moves : bool
-        Whether there are slides or swipes.
-    pages : tuple of int
-        Kinds of all actions that press something, see `layout.KEYBOARD`.
+    Each statement of `layout.LIMITS` is an attribute; a duration is in ticks (see tracker.py), and
+    ends in ``_t`` instead of ``_ms``. `keys` has `KEY_SIZE` integers for each key, and a key's row
+    is the index of its first one.
     """
 
     def first(self, layer):

@@ -17,15 +17,9 @@ _CERTAIN_T = const(7)
 
 
 class Keypad:
-    """Converts readings to key events.
+    """Converts readings to key events of `sink`, see `engine.Engine`.
 
-    Parameters
-    ----------
-    sink : object
-        Receiver of the events, see `engine.Engine`. ``stuck()`` is called when a touch has not
-        moved for ``stuck_ms`` of the layout.
-    merger : merge.Merger
-        State of the keyboard.
+    ``sink.stuck()`` is called when a touch has not moved for ``stuck_ms`` of the layout.
     """
 
     def __init__(self, sink, merger):
@@ -37,19 +31,7 @@ class Keypad:
         self._clear()
 
     def set_layout(self, layout, length_um, decay, cross=None):
-        """Release all keys, and use another layout.
-
-        Parameters
-        ----------
-        layout : keymap.KeyMap
-            Keys and limits.
-        length_um : int
-            Length of the strip, in um.
-        decay : int
-            Decay of the light by the dye, see `locate.locate`.
-        cross : sequence of int or None
-            Cross-sensitivity of the strip, see `calibration.Calibration.cross`.
-        """
+        """Release all keys, and use another layout; `decay` is that of `locate.locate`."""
         self.engine.set_layout(layout, length_um)
         self._clear()
         self.contact.set_layout(layout, length_um, decay, cross)
@@ -140,13 +122,6 @@ class Keypad:
         """Press the key under a second finger, if it is certain; return whether it was pressed.
 
         A key is certain if the whole range `x_um` +- `slack_um` is on it.
-
-        Parameters
-        ----------
-        x_um, slack_um : int
-            Position of the second finger and its uncertainty, in um.
-        t : int
-            Time in ticks.
         """
         self._press_waiting()
         engine = self.engine

@@ -127,34 +127,12 @@ class LayoutError(ValueError):
 
 
 def action(kind, number, modifiers=0):
-    """Return the integer of an action.
-
-    Parameters
-    ----------
-    kind : int
-        `KEYBOARD`, `SYSTEM`, `MOUSE`, `CONSUMER`, `MOMENTARY`, `TOGGLE`, `TO` or `BEHAVIOUR`.
-    number : int
-        HID usage, or number of a button, wheel, layer or behaviour.
-    modifiers : int
-        Bits of the modifier keys.
-    """
+    """Return the integer of an action; `number` is a HID usage, button, layer or behaviour."""
     return kind << 20 | modifiers << 12 | number
 
 
 def parse(lines):
-    """Return the `keymap.KeyMap` of a layout.
-
-    Parameters
-    ----------
-    lines : iterable of str
-        Text lines such as ``key 0 100 7340036 0 0 0 0 0``; see the module docstring.
-
-    Raises
-    ------
-    LayoutError
-        If a statement is unknown or out of range, if keys overlap, or if there are no keys or too
-        many keys, layers or behaviours.
-    """
+    """Return the `keymap.KeyMap` of a layout's lines; LayoutError if they are no valid layout."""
     values = {name: limits[2] for name, limits in LIMITS.items()}
     keys = []
     firsts = []

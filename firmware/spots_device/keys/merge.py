@@ -29,14 +29,8 @@ class Merger:
     pressed)`` handles the press or release of a single usage, such as that of a modifier. When the
     usages of an action are complete, ``sink.key(page, usage, modifiers, pressed)`` handles the
     action. In both, `modifiers` are the bits of all modifier keys that are down after the event.
-    An `action` is that of `layout.action`; its kind is a HID usage page.
-
-    Attributes
-    ----------
-    down : int
-        Bits of all modifier keys that are down.
-    drops : int
-        How often reports of this keyboard were dropped; the caller counts.
+    An `action` is that of `layout.action`; its kind is a HID usage page. `down` has the bits of all
+    modifier keys that are down; the caller counts dropped reports in `drops`.
     """
 
     def __init__(self):

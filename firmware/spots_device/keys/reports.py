@@ -58,19 +58,7 @@ _BUTTONS = 6  # offset of the buttons in a report
 
 
 def with_report_id(descriptor, report_id):
-    """Return a report descriptor with a report id added, for devices that share an endpoint.
-
-    Parameters
-    ----------
-    descriptor : bytes
-        Report descriptor without a report id.
-    report_id : int
-        Report id, 1 to 255.
-
-    Returns
-    -------
-    bytes
-    """
+    """Return a report descriptor with a report id (1 to 255), for a shared endpoint."""
     return descriptor[:6] + bytes((0x85, report_id)) + descriptor[6:]
 
 
@@ -78,24 +66,9 @@ class Outbox:
     """First-in first-out queue of reports; no report that USB has accepted is sent again.
 
     A full queue refuses reports, and the engine of the keys waits. After `release`, one report
-    without pressed keys is sent if the host may see a pressed key.
-
-    Parameters
-    ----------
-    send : callable
-        ``send(report) -> bool`` offers a report (bytes) to the USB stack without waiting. It
-        returns True if the stack accepted the report.
-    ticks : callable
-        ``ticks() -> int``: the time in units of 1024 us with 22 bits, see `frame.Time32.ticks`.
-    size : int
-        Bytes in a report.
-
-    Attributes
-    ----------
-    count : int
-        Number of reports in the queue.
-    dropped : int
-        Number of reports that were never sent.
+    without pressed keys is sent if the host may see a pressed key. ``send(report)`` offers `size`
+    bytes to the USB stack without waiting, and returns whether the stack accepted them; ``ticks()``
+    is that of `frame.Time32`. `dropped` counts reports that were never sent.
     """
 
     def __init__(self, send, ticks, size=REPORT_SIZE):
@@ -139,11 +112,8 @@ class Outbox:
     def expire(self):
         """Drop presses that have waited for more than 0.5 s, with their releases.
 
-        Returns
-        -------
-        bool
-            True if such a key is still pressed. The caller must then call `release` of the object
-            that puts the reports.
+        Return whether such a key is still pressed: the caller then calls `release` of the object
+        that puts the reports.
         """
         now = self._ticks()
         i = 0
@@ -200,20 +170,7 @@ class KeyboardReports:
 
     What changes before a key is pressed, such as a modifier or the release of another key, is a
     report before that of the key: a program that sees both at once may take the key first.
-    `merge.Merger` makes the events.
-
-    Parameters
-    ----------
-    send : callable
-        ``send(report) -> bool`` offers a report (bytes) to the USB stack without waiting. It
-        returns True if the stack accepted the report.
-    ticks : callable
-        Time in units of 1024 us, see `Outbox`.
-
-    Attributes
-    ----------
-    unsent : bool
-        Whether the queue does not contain the last change: call `flush`.
+    `merge.Merger` makes the events. Call `flush` while `unsent`: the queue lacks the last change.
     """
 
     def __init__(self, send, ticks):
@@ -224,14 +181,8 @@ class KeyboardReports:
     def key(self, usage, modifiers, pressed):
         """Process a key event; the caller then calls `flush`.
 
-        Parameters
-        ----------
-        usage : int
-            HID usage: 1 to 0xDD for a key, 0xE0 to 0xE7 for a modifier key.
-        modifiers : int
-            Bits of all modifier keys that are down after the event.
-        pressed : bool
-            True for a press, False for a release.
+        `usage` is 1 to 0xDD for a key, 0xE0 to 0xE7 for a modifier key; `modifiers` are those that
+        are down after the event.
         """
         report = self._report
         if report[0] != modifiers:
@@ -309,14 +260,6 @@ class GamepadReports:
 
     Each change of a button gets its own report. Changes of axes that still wait in the queue are
     merged into one report.
-
-    Parameters
-    ----------
-    send : callable
-        ``send(report) -> bool`` offers a report (bytes) to the USB stack without waiting. It
-        returns True if the stack accepted the report.
-    ticks : callable
-        Time in units of 1024 us, see `Outbox`.
     """
 
     unsent = False  # `update` sends each change itself
@@ -327,17 +270,7 @@ class GamepadReports:
         self._last = bytearray(REPORT_SIZE)
 
     def update(self, x, y, z, buttons):
-        """Set all axes and buttons.
-
-        Parameters
-        ----------
-        x, y : int
-            Axes, -32767 to 32767.
-        z : int
-            Axis, 0 to 32767.
-        buttons : int
-            16 bits: bit n is 1 if button n + 1 is pressed.
-        """
+        """Set the axes x and y (-32767 to 32767) and z (0 to 32767), and 16 bits of buttons."""
         report, last = self._report, self._last
         pack_into(_GAMEPAD, report, 0, x, y, z, buttons)
         if _same(report, last, 0):

@@ -14,13 +14,7 @@ _AT_ONCE = const(5)  # most steps between two readings; with USB HID, the outbox
 
 
 class Text:
-    """The text that an `engine.Engine` types; there is one at a time.
-
-    Attributes
-    ----------
-    busy : bool
-        Whether the text is not at its end.
-    """
+    """The text that an `engine.Engine` types, one at a time; `busy` until its end."""
 
     def __init__(self, engine):
         self._engine = engine

@@ -39,13 +39,7 @@ _HALF = 1 << 28  # half the period of ticks_ms
 
 
 def enable(names):
-    """Select the USB HID devices of the board. Call it in boot.py, before USB connects.
-
-    Parameters
-    ----------
-    names : list of str
-        Names of interfaces, from `outputs.INTERFACES`.
-    """
+    """Select interfaces of `outputs.INTERFACES`. Call it in boot.py, before USB connects."""
     usb_hid.enable(tuple([_device(name) for name in names]))
 
 
@@ -77,20 +71,10 @@ def _make(name, descriptor, size, received_size=0):
 
 
 def open_interfaces(names, show_leds):
-    """Return the functions that send reports, for the interfaces that boot.py has enabled.
+    """Return ``send(report) -> bool`` for each name of an interface that boot.py has enabled.
 
-    Parameters
-    ----------
-    names : list of str
-        Names of interfaces, from `outputs.INTERFACES`.
-    show_leds : callable
-        ``show_leds(leds)`` shows the keyboard LEDs as the host has set them; bit 1 is caps lock.
-        Called before the next keyboard report.
-
-    Returns
-    -------
-    dict
-        For the name of each enabled interface, the function ``send(report) -> bool``.
+    ``show_leds(leds)`` shows the keyboard LEDs as the host has set them (bit 1 is caps lock); it is
+    called before the next keyboard report.
     """
     endpoint = _Endpoint()
     sends = {}

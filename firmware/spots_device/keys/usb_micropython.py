@@ -218,21 +218,10 @@ class _Callbacks:
 
 
 def open_interfaces(names, show_leds):
-    """Open HID interfaces; return the functions that send their reports.
+    """Open HID interfaces; return ``send(report) -> bool`` for the name of each.
 
-    USB disconnects and connects again.
-
-    Parameters
-    ----------
-    names : list of str
-        Names of interfaces, from `outputs.INTERFACES`.
-    show_leds : callable
-        ``show_leds(leds)`` shows the keyboard LEDs as the host has set them; bit 1 is caps lock.
-
-    Returns
-    -------
-    dict
-        For the name of each interface, the function ``send(report) -> bool``.
+    USB disconnects and connects again. ``show_leds(leds)`` shows the keyboard LEDs as the host has
+    set them; bit 1 is caps lock.
     """
     device = USBDevice()
     # Without the built-in driver there would be no serial port, and no prompt.
