@@ -26,11 +26,6 @@ class BusioBus:
 
     Adafruit's driver uses the same bus. So each transfer locks the bus, but without Adafruit's
     I2CDevice, which takes longer and allocates memory.
-
-    Parameters
-    ----------
-    i2c : busio.I2C
-        Controller of the bus.
     """
 
     def __init__(self, i2c):
@@ -143,15 +138,7 @@ def view_of(data, size):
 
 
 class CdcSerial:
-    """The USB serial port for frames and commands; the console is a separate port.
-
-    Parameters
-    ----------
-    port : usb_cdc.Serial
-        Data port.
-    clock : object
-        ``ticks_us``, ``ticks_diff`` and ``sleep_us``.
-    """
+    """The USB serial port for frames and commands; the console is a separate port."""
 
     def __init__(self, port, clock):
         # With the default timeouts, None, calls would block for ever.
@@ -166,13 +153,6 @@ class CdcSerial:
 
         If the port takes only a part of a TEXT frame, wait up to 20 ms for the host to read. If it
         takes only a part of another frame, the rest is dropped: keys and samples never wait.
-
-        Parameters
-        ----------
-        buffer : bytearray
-            Contains the frame.
-        size : int
-            Bytes of the frame.
         """
         view = views.get(size)
         view = view[1] if view and view[0] is buffer else view_of(buffer, size)

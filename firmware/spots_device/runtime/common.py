@@ -11,16 +11,8 @@ def free_bus(scl, sda, is_high, put):
     """Free an I2C bus: send clock pulses until the chip releases SDA, then a STOP.
 
     A chip can hold SDA low after a transfer that stopped in the middle of a byte. Source: UM10204,
-    section 3.1.16.
-
-    Parameters
-    ----------
-    scl, sda : object
-        Open-drain pins of the two wires.
-    is_high : callable
-        ``is_high(pin) -> bool`` reads the level of a wire.
-    put : callable
-        ``put(pin, level)`` releases a wire (1) or pulls it low (0), then waits `HALF_CLOCK_US`.
+    section 3.1.16. `scl` and `sda` are open-drain pins; ``is_high(pin)`` reads one, and
+    ``put(pin, level)`` releases it (1) or pulls it low (0), then waits `HALF_CLOCK_US`.
     """
     for _ in range(_RECOVERY_CLOCKS):
         if is_high(sda):
@@ -35,12 +27,7 @@ def rp2_mC(read):
     """Return the temperature of an RP2040 or RP2350 in units of 0.001 degrees Celsius.
 
     Source: RP2040 datasheet, section 4.9.5. A step of the ADC is 0.47 K, so 16 readings are
-    averaged. Allocates nothing.
-
-    Parameters
-    ----------
-    read : callable
-        ``read() -> int`` reads the ADC's channel of the temperature sensor: 65535 is 3.3 V.
+    averaged; 65535 of ``read()`` is 3.3 V. Allocates nothing.
     """
     total = 0
     for _ in range(16):

@@ -31,17 +31,7 @@ _PAUSE_MAX_US = const(64_000_000)
 
 
 class MachineBus:
-    """Reads and writes the sensor's registers over ``machine.I2C``. Transfers allocate nothing.
-
-    Parameters
-    ----------
-    id : int
-        Number of the I2C controller.
-    scl, sda : int or str
-        Pins of the bus, as ``machine.Pin`` accepts them.
-    freq : int
-        Frequency of the bus in Hz.
-    """
+    """Reads and writes the sensor's registers over ``machine.I2C``. Transfers allocate nothing."""
 
     def __init__(self, id, scl, sda, freq):
         self._pins = scl, sda
@@ -107,15 +97,8 @@ class StdioSerial:
     def write(self, buffer, size):
         """Write a frame if the port has room; return whether it was sent completely.
 
-        A frame that fits a block is written at once or not at all. Allocates nothing then.
-
-        Parameters
-        ----------
-        buffer : memoryview
-            Contains the frame. Bytes after the frame, up to the end of a block and one more, are
-            overwritten by zeros.
-        size : int
-            Bytes of the frame.
+        A frame that fits a block is written at once or not at all. Allocates nothing then. Bytes of
+        `buffer` after the frame, up to the end of a block and one more, are overwritten by zeros.
         """
         if size > _BLOCK:
             return self._write_long(buffer, size)

@@ -15,16 +15,11 @@ class _Bus:
 
 
 class I2CChannel:
-    """An I2C bus behind the multiplexer; `try_lock` selects its channel.
+    """An I2C bus behind the multiplexer; `try_lock` selects its channel (0 to 7).
 
     All channels of a multiplexer share one ``busio.I2C``, because its pins can be opened only once.
     After a fault of one strip's sensor, its driver closes and opens the bus again; the drivers of
     the other strips then use the new ``busio.I2C``.
-
-    Parameters
-    ----------
-    channel : int
-        Channel of the sensor, 0 to 7.
     """
 
     def __init__(self, channel):
@@ -34,17 +29,7 @@ class I2CChannel:
     def open(self, scl, sda, frequency):
         """Open the bus if no other channel has opened it, and return this channel.
 
-        Parameters
-        ----------
-        scl, sda : microcontroller.Pin
-            Pins of the bus.
-        frequency : int
-            Frequency of the bus in Hz.
-
-        Raises
-        ------
-        RuntimeError
-            If the wires have no pull-ups, or a chip holds a wire low.
+        RuntimeError if the wires have no pull-ups, or a chip holds a wire low.
         """
         for bus in _buses:
             if bus.scl is scl and bus.sda is sda:
@@ -66,10 +51,7 @@ class I2CChannel:
     def try_lock(self):
         """Lock the bus and select the channel; return False if the bus is locked.
 
-        Raises
-        ------
-        OSError
-            If the multiplexer does not answer, or the bus is closed.
+        OSError if the multiplexer does not answer, or the bus is closed.
         """
         i2c = self._opened()
         if not i2c.try_lock():
