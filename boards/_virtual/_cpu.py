@@ -52,7 +52,7 @@ def slow_down(package, times_us, spend_us):
         Name of the firmware's package.
     times_us : dict
         Additional time of a call in whole us, by the function's name in the package, such as
-        ``board.app.BoardApp.step``. For the functions in `_KINDS`: a dict of times by kind of the
+        ``board.app.Board.step``. For the functions in `_KINDS`: a dict of times by kind of the
         call.
         The name ``gc.collect`` stands for the garbage collections of all modules.
     spend_us : callable
@@ -65,7 +65,7 @@ def slow_down(package, times_us, spend_us):
         room, module, *inner, function = name.split(".")
         try:
             holder = __import__(package + "." + room + "." + module, None, None, ("*",))
-        except ImportError:  # a board with one strip has no module `several`
+        except ImportError:  # a board with one strip has no module `aligned`
             continue
         for attribute in inner:
             holder = getattr(holder, attribute)

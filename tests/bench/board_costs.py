@@ -70,8 +70,9 @@ bus = MachineBus(
     board_config.I2C_ID, board_config.SCL_PIN, board_config.SDA_PIN, board_config.I2C_HZ
 )
 port = StdioSerial()
-app = app_module.BoardApp(board_config, "micropython", uid, AS7341(bus, time), time, port)
-strip, framer, outputs, handle = app.strip, app.framer, app.outputs, app._commands.handle
+board = app_module.Board(board_config, "micropython", uid, lambda *_: AS7341(bus, time), time, port)
+(app,) = board.strips
+strip, framer, outputs, handle = app.strip, board.framer, app.outputs, board._commands.handle
 sensor, state, take, work = strip.sensor, strip.decode.state, strip.take, strip._work
 pacing = sensor.pacing
 write, dots = port._out, b"." * 31 + b"\n"
@@ -84,7 +85,7 @@ def out(block, size):
     """Send dots in the place of a frame, because mpremote reads text."""
     slept[2] += 1
     if slept[2] == limit:
-        app.reboot = True
+        board.reboot = True
     return write(dots, size)
 
 
@@ -95,7 +96,7 @@ def sleep_us(us):
     slept[1] += 1
     work[_COUNTS] = steady[slept[1] % len(steady)]
     if diff(ticks(), began) > loop_us:
-        app.reboot = True
+        board.reboot = True
 
 
 def run(ms):
@@ -104,9 +105,9 @@ def run(ms):
     loop_us, limit = 1000 * ms, 3000 * ms // (sensor.exposure_us or 1000)
     for i in range(4):
         slept[i] = 0
-    app.reboot = False
+    board.reboot = False
     began = ticks()
-    app.step(False)
+    board.step(False)
     return diff(ticks(), began)
 
 
@@ -118,7 +119,7 @@ def touch(fingers):
         steady = [array("i", [n * sensor.exposure_us // 10_000 for n in row[1:]])]
         complete = sensor.complete
         while sensor.complete == complete:
-            app.step()
+            board.step()
     steady = [array("i", [n * sensor.exposure_us // 10_000 for n in row[1:]]) for row in rows[-20:]]
     if (state[0] & 1, outputs.two) != (fingers > 0, outputs.active and fingers > 1):
         raise ValueError("%d fingers: %s" % (fingers, list(state)[:5]))
@@ -160,16 +161,16 @@ def weigh(s):
 
 
 # What this script adds to each pass and to each frame.
-app.sleep_us, port._out = sleep_us, out
-app._pass = lambda: sleep_us(1)
+board.sleep_us, port._out = sleep_us, out
+board._pass = lambda: sleep_us(1)
 us = run(_LOOP_MS)
 pass_us = (us - slept[0]) / slept[1]
-del app._pass
+del board._pass
 write, raw = nothing, write
 frame_us = mean_us(lambda: out(dots, 32)) - mean_us(lambda: nothing(dots, 32))
 write = raw
-app.reboot = False
-app.step()
+board.reboot = False
+board.step()
 note = app.use_calibration(lines)
 if note:
     raise ValueError(note)
@@ -239,7 +240,7 @@ take()
 work[_USE] = use
 strip._send = framer.send
 outputs._track = nothing
-outputs_us = used_us - reading_us + mean_us(lambda: outputs.take(0, state))
+outputs_us = used_us - reading_us + mean_us(lambda: outputs.take(state))
 show("Outputs.take", outputs_us - used_us + reading_us)
 del outputs._track
 
@@ -254,10 +255,10 @@ show("Outputs.pump", idle_us)
 show("Engine.tick", pump_us - idle_us)
 for fingers in range(3):
     show("ContactTracker.take, %d fingers" % fingers, keys_us[fingers] - outputs_us - pump_us)
-app._poll, app.sleep_us, outputs.pumps = lambda: False, nothing, False
-loop_pass_us = mean_us(app._pass)
-app._poll, app.sleep_us, outputs.pumps = sensor.poll, sleep_us, True
-show("BoardApp._pass", loop_pass_us)
+app.poll, board.sleep_us, outputs.pumps = lambda: False, nothing, False
+loop_pass_us = mean_us(board._pass)
+app.poll, board.sleep_us, outputs.pumps = sensor.poll, sleep_us, True
+show("Board._pass", loop_pass_us)
 poll_us = mean_us(waiting)
 sensor.waits = 0
 show("AS7341.poll", poll_us)
@@ -285,7 +286,7 @@ def compensate():
 show("Compensation.take", mean_us(compensate))
 
 # Commands, without garbage collections and the port.
-reader = app._reader
+reader = board._reader
 
 
 def feed():

@@ -4,7 +4,7 @@ The substitutes allocate nothing, so the firmware allocates all memory that is a
 sample. The benchmark and tests use this module.
 """
 
-from spots_device.board.app import BoardApp
+from spots_device.board.app import Board
 from spots_device.sensor.as7341 import AS7341
 
 _AINT = 0x08
@@ -152,10 +152,10 @@ class BoardConfig:
     LED_MAX_MA = 100
 
 
-def app(calibration=(), serial=None, usb=None, make=BoardApp):
-    """Start the firmware; return its application, and the substitutes for bus, clock and port.
+def app(calibration=(), serial=None, usb=None, make=Board):
+    """Start the firmware; return the board, and the substitutes for bus, clock and port.
 
-    The application has a dark frame, and streams TOUCH and SPECTRUM frames.
+    Its strip has a dark frame, and streams TOUCH and SPECTRUM frames.
 
     Parameters
     ----------
@@ -164,23 +164,23 @@ def app(calibration=(), serial=None, usb=None, make=BoardApp):
     serial : object, optional
         Port to use instead of a new `Serial`.
     usb : object, optional
-        USB stack, see `app.BoardApp`.
+        USB stack, see `app.Board`.
     make : type, optional
-        Class `BoardApp` of another copy of the firmware.
+        Class `Board` of another copy of the firmware.
 
     Returns
     -------
-    app : app.BoardApp
+    board : app.Board
     bus : Bus
     clock : Clock
     serial : Serial
     """
     clock = Clock()
     bus, serial = Bus(clock), serial or Serial()
-    made = make(BoardConfig, "canned", "00", AS7341(bus, clock), clock, serial, usb)
+    made = make(BoardConfig, "canned", "00", lambda *_: AS7341(bus, clock), clock, serial, usb)
     made.step()
-    made.use_calibration(list(calibration))
-    strip = made.strip
+    made.strips[0].use_calibration(list(calibration))
+    strip = made.strips[0].strip
     strip.stream_touch = strip.stream_spectrum = True
     bus.counts((1, 0, 2, 1, 0, 1))
     while clock.now < _DARK_WINDOW_US:

@@ -21,7 +21,7 @@ def given(name):
 
 
 made = canned.app()
-app = made[0]
+app = made[0].strips[0]
 states = {}
 states["started"] = measured()
 app.use_calibration(given("calibration"))

@@ -12,14 +12,14 @@ import time
 
 import canned
 from floats import FloatPath
-from spots_device.board.app import BoardApp
+from spots_device.board.app import Board
 from spots_device.reading.kernel import process
 
 try:
-    from spots_device_viper.board.app import BoardApp as ViperApp
+    from spots_device_viper.board.app import Board as ViperBoard
     from spots_device_viper.reading.kernel import process as viper_process
 except SyntaxError:  # this MicroPython cannot compile to machine code
-    ViperApp = None
+    ViperBoard = None
 
 _DARK_SAMPLES = 64
 _WARM_UP = 100
@@ -46,13 +46,13 @@ class Spots:
 
     def __init__(self, calibration, make, process):
         self.port = Port()
-        self.app, self.bus, self.clock, _ = canned.app(calibration, self.port, make=make)
-        strip = self.app.strip
+        self.board, self.bus, self.clock, _ = canned.app(calibration, self.port, make=make)
+        strip = self.board.strips[0].strip
         strip.stream_spectrum = False
         self._process = process
         # Bound here: binding a method allocates memory, which must not count for a sample.
-        self._step = self.app.step
-        self._take = self.app.strip.take
+        self._step = self.board.step
+        self._take = self.board.strips[0].strip.take
 
     def whole(self, samples):
         step = self._step
@@ -69,12 +69,12 @@ class Spots:
     def from_sums(self, samples):
         """Run arithmetic and framing alone, without averaging, dark frames and time."""
         process = self._process
-        work = self.app.strip._work
+        work = self.board.strips[0].strip._work
         for _ in range(samples):
             process(work, 0)
 
     def dark(self):
-        return [total / _DARK_SAMPLES for total in self.app.strip.dark_frame()]
+        return [total / _DARK_SAMPLES for total in self.board.strips[0].strip.dark_frame()]
 
 
 class Floats:
@@ -105,14 +105,14 @@ def main():
     """Measure all variants with the inputs of ``inputs.json``, and print the results."""
     with open("inputs.json") as file:
         given = json.load(file)
-    spots = Spots(given["calibration"], BoardApp, process)
+    spots = Spots(given["calibration"], Board, process)
     paths = {
         "spots": spots,
         "float_json": Floats(given["calibration"], spots.dark(), "send_json"),
         "float_struct": Floats(given["calibration"], spots.dark(), "send_struct"),
     }
-    if ViperApp:
-        paths["spots_viper"] = Spots(given["calibration"], ViperApp, viper_process)
+    if ViperBoard:
+        paths["spots_viper"] = Spots(given["calibration"], ViperBoard, viper_process)
     found = {name: measure_space(path, given) for name, path in paths.items()}
     for name in paths:
         found[name]["vm_us"] = []
@@ -168,8 +168,8 @@ def timed_us(path, run, given):
 
 def record(given, dark):
     """Return the TOUCH frames of all sets of counts in hexadecimal, and a line of JSON for each."""
-    app, bus, clock, port = canned.app(given["calibration"])
-    app.strip.stream_spectrum = False
+    board, bus, clock, port = canned.app(given["calibration"])
+    board.strips[0].strip.stream_spectrum = False
     json_port = canned.Serial()
     path = FloatPath(given["calibration"], dark, bus, clock, json_port)
     stream = bytearray()
@@ -178,7 +178,7 @@ def record(given, dark):
         bus.counts(counts)
         end = port.frames + 1
         while port.frames < end:
-            app.step()
+            board.step()
         stream.extend(memoryview(port.last)[: port.size])
         path.send_json(counts)
         lines.append(bytes(json_port.last[: json_port.size]).decode())

@@ -176,7 +176,7 @@ def test_a_watchdog_and_ctrl_c_under_it(start, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.chdir(tmp_path)
         Store().save([("settings", ["watchdog=1"])])
-    app = tmp_path / "spots_device" / "board" / "app.py"
+    app = tmp_path / "spots_device" / "board" / "strip_app.py"
     hanging = app.read_text().replace("self.outputs.use_layout(lines)", "while True: pass")
     app.write_text(hanging)
     started = tmp_path / "spots_device" / "board" / "start.py"

@@ -214,7 +214,7 @@ def watched(start, tmp_path, monkeypatch):
     for path, old, new in (
         ("board/start.py", "WATCHDOG_MS = 8_000", "WATCHDOG_MS = 2_000"),
         (
-            "board/app.py",
+            "board/strip_app.py",
             "def use_layout(self, lines):\n",
             "def use_layout(self, lines):\n        while True: pass\n",
         ),

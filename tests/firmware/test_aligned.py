@@ -1,8 +1,8 @@
 """Times of the samples of several strips: errors below 20 us, one second after the start.
 
-The tests use a model of the loop of `several.SeveralApp` on a Pico, with the firmware's choice of
-the next strip. The chips are ideal except for their oscillators. `tests/board/test_two_strips.py`
-tests a whole board.
+The tests use a model of the loop of a board with several strips on a Pico, with the firmware's
+choice of the next strip. The chips are ideal except for their oscillators.
+`tests/board/test_two_strips.py` tests a whole board.
 """
 
 import math
@@ -12,8 +12,7 @@ from types import SimpleNamespace
 import pytest
 from support.smallint import WRAP, SmallClock, SmallInt
 
-from spots_device.board.aligned import AlignedPacing
-from spots_device.board.several import _AHEAD_US, SeveralApp
+from spots_device.board.aligned import AlignedPacing, Turns
 
 LATCH_US = 75  # START, two addresses and a register number at 400 kHz
 LEVEL_US = 147  # transfer of one byte: level of the FIFO, or ASTATUS
@@ -32,7 +31,7 @@ class Strip:
 
     def __init__(self, now, nominal_us, percent, first_us, ppm_per_s=0):
         self.pacing = AlignedPacing(SmallClock)
-        self.pacing.lost = False
+        self.reconnect = SimpleNamespace(lost=False)
         self.pacing.start(SmallInt(int(now) % WRAP), nominal_us)
         self.period_us = nominal_us * (1 + percent / 100)
         self.drift = ppm_per_s * 1e-12
@@ -52,23 +51,15 @@ class Loop:
 
     def __init__(self, strips, seed=0, now=WRAP - 700_000.0):
         self.strips, self.now, self.random = strips(now), now, random.Random(seed)
-        pacings = [strip.pacing for strip in self.strips]
-        self.app = SimpleNamespace(
-            _pacings=pacings,
-            current=self.strips[0],
-            _ticks_diff=SmallClock.ticks_diff,
-            _ahead_us=_AHEAD_US * (len(pacings) - 1),
-        )
+        self.turns = Turns(self.strips, SmallClock)
 
     def run(self, duration_us):
         until = self.now + duration_us
         while self.now < until:
-            pacing = SeveralApp._next(self.app, SmallInt(int(self.now) % WRAP))
-            left_us = SmallClock.ticks_diff(pacing.due, int(self.now) % WRAP)
+            strip = self.turns.next(SmallInt(int(self.now) % WRAP))
+            left_us = SmallClock.ticks_diff(strip.pacing.due, int(self.now) % WRAP)
             self.now += min(max(0, left_us), 10_000)
             if left_us <= 10_000:
-                strip = next(strip for strip in self.strips if strip.pacing is pacing)
-                self.app.current = strip
                 self.poll(strip)
             self.now += PASS_US
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from bench import canned
 
-from spots_device.board import app, several
+from spots_device.board import app
 from spots_device.board import store as store_module
 from spots_device.board.settings import LIMITS, checksum
 from spots_device.board.start import blink
@@ -53,7 +53,8 @@ class Board:
     def __init__(self, settings=(), usb=None, calibration=()):
         self.host = Host()
         self.replies = []
-        self.app, self.bus, self.clock, _ = canned.app(calibration, self.host, usb)
+        self.board, self.bus, self.clock, _ = canned.app(calibration, self.host, usb)
+        self.app = self.board.strips[0]
         self.app.replies.send = self.replies.append
         for word in settings:
             self.command("set " + word)
@@ -63,7 +64,7 @@ class Board:
         del self.replies[:]
         self.host.sent = line.encode() + b"\n"
         while self.host.sent:
-            self.app.step()
+            self.board.step()
         return self.replies[0] if self.replies else None
 
     def lose(self):
@@ -71,13 +72,13 @@ class Board:
         self._registers = self.bus.read_into
         self.bus.read_into = self._refuse
         while not self.app.reconnect.fault:
-            self.app.step()
+            self.board.step()
 
     def find(self):
         """Plug the sensor in again, and run the board until it has a sample."""
         self.bus.read_into = self._registers
         while self.app.reconnect.fault:
-            self.app.step()
+            self.board.step()
 
     def _refuse(self, address, register, buffer):
         raise OSError(5)
@@ -125,21 +126,34 @@ class TwoStrips(canned.BoardConfig):
     SENSORS = ({"LED_MAX_MA": 100},) * 2
 
 
-@pytest.mark.parametrize("make", [app.BoardApp, several.SeveralApp])
-def test_the_first_reply_to_hello_has_the_stored_calibration(make):
+@pytest.mark.parametrize("config", [canned.BoardConfig, TwoStrips])
+def test_the_first_reply_to_hello_has_the_stored_calibration(config):
     """A program that asks once, as soon as the port is there, must not take null for the answer."""
     Store().save([("calibration", LINES)])
     clock, host, replies = canned.Clock(), Host(), []
-
-    def sensor(*_):
-        return AS7341(canned.Bus(clock), clock)
-
-    opened = sensor if make is several.SeveralApp else sensor()
-    board = make(TwoStrips, "canned", "00", opened, clock, host, None)
-    board.replies.send = replies.append
+    board = app.Board(config, "canned", "00", of_a_bus(clock), clock, host, None)
+    board.strips[0].replies.send = replies.append
     host.sent = b"hello\n"
     board.step()
     assert replies[0]["calibration"] == checksum(LINES)
+
+
+def of_a_bus(clock, bus=None):
+    """Return the function that opens a sensor on a substitute for the bus."""
+    return lambda *_: AS7341(bus or canned.Bus(clock), clock)
+
+
+@pytest.mark.parametrize("config", [canned.BoardConfig, TwoStrips])
+def test_every_board_answers_for_its_first_sensor_by_number(config):
+    clock = canned.Clock()
+    board = app.Board(config, "canned", "00", of_a_bus(clock), clock, Host(), None)
+    handle = board._commands.handle  # the port takes no part
+    several = board.sensors > 1
+    assert handle("get sensor=0") == handle("get")
+    assert ("sensor" in handle("get")) == several
+    refused = handle(f"get sensor={board.sensors}")
+    assert refused["why"] == "no_sensor"
+    assert refused["error"] == "sensor must be " + ("0 or 1" if several else "0")
 
 
 @pytest.mark.board
@@ -148,12 +162,13 @@ def test_a_board_starts_whichever_transfer_fails_first():
     for transfers in range(60):
         clock, host = canned.Clock(), Host()
         bus = FailingBus(clock, transfers)
-        board = app.BoardApp(
-            canned.BoardConfig, "canned", "00", AS7341(bus, clock), clock, host, None
+        board = app.Board(
+            canned.BoardConfig, "canned", "00", of_a_bus(clock, bus), clock, host, None
         )
-        board.strip.stream_touch = True
+        (strip,) = board.strips
+        strip.strip.stream_touch = True
         board.step()
-        lost.append(board.strip.conditions is None)
+        lost.append(strip.strip.conditions is None)
         while host.frames < 3 and clock.now < 5_000_000:
             board.step()
         assert host.frames >= 3, transfers
@@ -194,7 +209,7 @@ def test_a_search_without_memory_leaves_room_for_the_next_one(monkeypatch):
         assert "no memory is left" in board.command("autoexpose")["error"]
     assert board.command("dark") is None  # the reply comes after the dark frame
     while not board.replies:
-        board.app.step()
+        board.board.step()
     assert board.replies[0]["re"] == "dark"
 
 
@@ -209,16 +224,16 @@ def test_before_the_sensor_has_started_a_note_says_so():
 def test_without_a_computer_the_led_shows_what_the_strip_waits_for():
     board = Board(calibration=[])
     shown = []
-    board.app.signal = shown.append
+    board.board.signal = shown.append
     board.lose()
-    for _ in range(4):
-        board.app.step()
+    while len(shown) < 4:
+        board.board.step()
     assert shown[-4:] in ([0, 2, 0, 2], [2, 0, 2, 0])  # blinks
     board.find()
     assert shown[-1] == 2  # lit: a calibration is missing
     board = Board(calibration=LINES)
     shown = []
-    board.app.signal = shown.append
+    board.board.signal = shown.append
     board.lose()
     board.find()
     assert shown[-1] == 0
@@ -297,9 +312,9 @@ def with_longest_settings(app):
 def test_the_longest_reply_fits_a_frame():
     app = with_longest_settings(Board(calibration=LINES).app)
     app.outputs.layout_lines = default_lines()
-    app.store.fault = "é" * 30
-    app._unused = ['"' * 30, "\\" * 20, "\n" * 150]
-    app.outputs.fault = "this board has no room"
+    app.board.store.fault = "é" * 30
+    app.unused = ['"' * 30, "\\" * 20, "\n" * 150]
+    app.board.interfaces.fault = "this board has no room"
     reply = app.identity()
     assert sum(map(len, reply["boot"])) == 240
     assert reply["boot"][-1] == "this board"
@@ -383,16 +398,17 @@ def test_commands_leave_most_of_their_garbage_for_a_later_collection(monkeypatch
 
 
 def stalled(stall_us=95_000):
-    """Return app, bus, clock and port after a stall, in which samples were stored in the FIFO."""
-    app, bus, clock, serial = canned.app(LINES)
-    while not app._sensor.steady or app.strip._rare:
-        app.step()
+    """Return board, strip, clock and port after a stall; the FIFO has stored samples meanwhile."""
+    board, _, clock, serial = canned.app(LINES)
+    (app,) = board.strips
+    while not app.sensor.steady or app.strip._rare:
+        board.step()
     clock.sleep_us(stall_us)
-    return app, bus, clock, serial
+    return board, app, clock, serial
 
 
 def test_the_loop_reads_the_clock_once_for_all_samples_of_a_fifo_read():
-    app, _, clock, serial = stalled()
+    board, app, clock, serial = stalled()
     reads = 0
     ticks_us = clock.ticks_us
 
@@ -401,14 +417,14 @@ def test_the_loop_reads_the_clock_once_for_all_samples_of_a_fifo_read():
         reads += 1
         return ticks_us()
 
-    app.ticks_us = app._sensor.ticks_us = counted
-    frames, complete = serial.frames, app._sensor.complete
-    app.step()
+    board.ticks_us = app.sensor.ticks_us = counted
+    frames, complete = serial.frames, app.sensor.complete
+    board.step()
     samples = (serial.frames - frames) // 2  # each with a TOUCH and a SPECTRUM frame
     assert samples >= 9
     assert reads == 3
-    assert not app._sensor.waits
-    assert app._sensor.complete - complete == pytest.approx(10_000 * samples, rel=0.05)
+    assert not app.sensor.waits
+    assert app.sensor.complete - complete == pytest.approx(10_000 * samples, rel=0.05)
 
 
 @pytest.mark.parametrize("keys", ["keys=0", "keys=1"])
@@ -417,51 +433,51 @@ def test_a_sample_is_processed_in_one_call_also_with_keys(monkeypatch, keys):
     app, clock = board.app, board.clock
     process, taken, calls = strip_module.process, [], []
     monkeypatch.setattr(strip_module, "process", lambda *given: calls.append(1) or process(*given))
-    app._take = lambda: taken.append(app.strip.take())
+    app.take = lambda: taken.append(app.strip.take())
     end = clock.now + 300_000
     while clock.now < end:
-        app.step()
+        board.board.step()
     assert app.outputs.active == (keys == "keys=1")
     assert len(calls) == len(taken) > 20
 
 
 def test_the_loop_sends_the_usb_reports_between_the_samples_of_a_fifo_read():
-    app, _, _, serial = stalled()
+    board, app, _, serial = stalled()
     frames = []
     app.outputs.pumps = True
     app.outputs.pump = lambda: frames.append(serial.frames)
-    app.step()
+    board.step()
     assert len(frames) >= 9
     assert len(set(frames)) == len(frames)
 
 
 def test_the_loop_drops_the_samples_of_a_fifo_read_from_before_a_restart():
-    app, _, clock, _ = stalled()
-    app.step()
+    board, app, clock, _ = stalled()
+    board.step()
     taken = []
 
     def take():
-        taken.append(app._sensor.waits)
+        taken.append(app.sensor.waits)
         if len(taken) == 3:
             app.strip.start()
 
-    app._take = take
+    app.take = take
     clock.sleep_us(95_000)
-    app.step()
+    board.step()
     assert len(taken) == 3
     assert taken[-1] > 3
 
 
 def test_the_count_of_missed_samples_never_falls():
-    app, _, clock, _ = stalled(300_000)
-    app.step()
+    board, app, clock, _ = stalled(300_000)
+    board.step()
     missed = app.state()["missed"]
     assert missed > 0
     app.restart()
     assert app.state()["missed"] == missed
     while app.strip._rare:
-        app.step()
+        board.step()
     assert app.state()["missed"] == missed
     clock.sleep_us(300_000)
-    app.step()
+    board.step()
     assert app.state()["missed"] > missed

@@ -26,7 +26,7 @@ _BYTECODE = 0  # kind of code in an .mpy file
 # and those of the keys.
 EACH_SAMPLE = {
     "board/app": "_pass _sample _pump",
-    "board/several": "_pass serve",
+    "board/aligned": "next _left_us lead_us early held skip",
     "sensor/as7341": "poll",
     "sensor/fifo": "read",
     "sensor/registers": "read fetch stamp",
@@ -58,7 +58,8 @@ EACH_SAMPLE = {
     "reading/strip": "take _judge _use _finish _follow",
     "reading/ambient": "follow _is_shifted _slope _is_ambient _left _net _move _expect",
     "reading/dark": "is_due chi2",
-    "board/outputs": "take pump _offer usage has_room key _flush _send_keys _send_key _track "
+    "board/interfaces": "pump _offer",
+    "board/outputs": "take pump usage has_room key _flush _send_keys _send_key _track "
     "_follow_fingers",
 }
 

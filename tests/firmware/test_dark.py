@@ -254,7 +254,8 @@ def test_the_largest_counts_fit_small_integers():
 
 class Board:
     def __init__(self, *settings):
-        self.app, self.bus, self.clock, self.port = canned.app()
+        self.board, self.bus, self.clock, self.port = canned.app()
+        self.app = self.board.strips[0]
         self.app.settings.change(settings)
         self.app.strip.configure()
 
@@ -262,7 +263,7 @@ class Board:
         end = self.clock.ticks_add(self.clock.now, int(1e6 * seconds))
         blinks, lit = 0, True
         while self.clock.ticks_diff(end, self.clock.now) > 0:
-            self.app.step()
+            self.board.step()
             blinks += lit and not self.app.strip.sensor.led_on
             lit = self.app.strip.sensor.led_on
         return blinks

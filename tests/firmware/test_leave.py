@@ -38,7 +38,7 @@ class Interrupts:
     protect other functions from interrupts, it is an executed bytecode.
     """
 
-    GUARDS = ("run", "_leave")
+    GUARDS = ("run", "__exit__", "_leave", "_allow")
 
     def __init__(self, *at):
         self._at = at
@@ -83,10 +83,11 @@ def leave(tmp_path, monkeypatch, *at, error=KeyboardInterrupt):
     app_module.Store().save([("settings", ["keys=1"])])
     usb, interrupts = Usb(), Interrupts(*at)
     app, _, _, _ = canned.app((), usb=usb)
+    outputs = app.strips[0].outputs
     app.interrupt_at = interrupts.interrupt_at
-    app.outputs.usage(KEYBOARD_PAGE, A, 0, True)
-    app.outputs.key(KEYBOARD_PAGE, A, 0, True)
-    app.outputs.pump()
+    outputs.usage(KEYBOARD_PAGE, A, 0, True)
+    outputs.key(KEYBOARD_PAGE, A, 0, True)
+    app.interfaces.pump()
     assert usb.got == [DOWN]
     usb.refusals = REFUSALS
 
@@ -112,7 +113,7 @@ def test_an_interrupt_at_any_point_of_the_end_leaves_no_key_down(tmp_path, monke
     while True:
         app, usb, interrupts = leave(tmp_path, monkeypatch, came, error=error)
         assert usb.got[-1] == UP, came
-        assert not app.strip.sensor.led_on, came
+        assert not app.strips[0].sensor.led_on, came
         assert interrupts.character == 3, came
         if not interrupts.all_came:
             break
@@ -133,6 +134,6 @@ def test_a_host_that_takes_nothing_is_waited_for_once(tmp_path, monkeypatch):
     app, usb, interrupts = leave(tmp_path, monkeypatch, 150)
     assert usb.got == [DOWN]
     assert interrupts.character == 3
-    began = app._clock.now
+    began = app.clock.now
     app._leave()
-    assert app._clock.now == began
+    assert app.clock.now == began

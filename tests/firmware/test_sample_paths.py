@@ -22,7 +22,8 @@ def test_both_paths_have_the_same_interface():
 @pytest.mark.parametrize("path", ["fifo", "registers"])
 def test_the_sensor_samples_with_either_path(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    app, bus, clock, serial = canned.app()
+    board, bus, clock, serial = canned.app()
+    app = board.strips[0]
     sensor = app.strip.sensor
     if path == "registers":
         sensor._first = Registers(sensor)
@@ -30,7 +31,7 @@ def test_the_sensor_samples_with_either_path(path, tmp_path, monkeypatch):
     bus.counts((1, 2, 3, 4, 5, 6))
     frames, end = serial.frames, clock.now + 300_000
     while clock.now < end:
-        app.step()
+        board.step()
     assert serial.frames - frames > 20
     assert list(sensor.counts) == [1, 2, 3, 4, 5, 6]
     assert sensor._path.fifo == (path == "fifo")

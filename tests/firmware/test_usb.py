@@ -745,9 +745,9 @@ def test_micropython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
     usb = module.MachineUsb(SimpleNamespace(LED_PIN="LED", LED_ON=level))
     assert (Pin.made.number, Pin.made.level) == ("LED", 1 - level)
     for leds, lit in ((2, True), (3, True), (1, False), (0, False)):
-        usb._show_leds(leds)
+        usb.show_leds(leds)
         assert (Pin.made.level == level) == lit
-    module.MachineUsb(SimpleNamespace())._show_leds(2)  # a board without an LED
+    module.MachineUsb(SimpleNamespace()).show_leds(2)  # a board without an LED
 
 
 class Device:
@@ -986,6 +986,6 @@ def test_circuitpython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
     usb = module.CircuitUsb(SimpleNamespace(LED_PIN="LED", LED_ON=level))
     assert (Wire.made.pin, Wire.made.value) == ("the red one", level == 0)
     for leds, lit in ((2, True), (3, True), (1, False), (0, False)):
-        usb._show_leds(leds)
+        usb.show_leds(leds)
         assert (Wire.made.value == bool(level)) == lit
-    module.CircuitUsb(SimpleNamespace())._show_leds(2)  # a board without an LED
+    module.CircuitUsb(SimpleNamespace()).show_leds(2)  # a board without an LED

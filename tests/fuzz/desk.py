@@ -43,11 +43,13 @@ def _own_app():
 
     It stores files in a folder of its own. Neither it nor the modules that it uses collect garbage.
     """
-    module, command = own("board.app"), own("board.command")
+    module, strip_app = own("board.app"), own("board.strip_app")
+    module.StripApp = strip_app.StripApp
     store = own("board.store")
     use_folder(store, Path(_STORE.name))
     module.Store = store.Store
-    module.Commands, module.Reconnect = command.Commands, own("board.reconnect").Reconnect
+    command = own("board.command")
+    module.Commands, strip_app.Upload = command.Commands, command.Upload
     return module
 
 
@@ -139,7 +141,10 @@ class Board:
             path.unlink()
         clock, self._serial = _Clock(), _Serial()
         board = SimpleNamespace(NAME="virtual", LED_MAX_MA=100)
-        self.app = _app.BoardApp(board, "cpython", "00ff", _Sensor(clock), clock, self._serial)
+        self._board = _app.Board(
+            board, "cpython", "00ff", lambda *_: _Sensor(clock), clock, self._serial
+        )
+        self.app = self._board.strips[0]
         self._decoder = Decoder()
         self.settle()
         self.said()
@@ -147,14 +152,13 @@ class Board:
     def hear(self, data):
         """Send bytes to the board, and run the board until it has read all bytes."""
         self._serial.heard += data
-        self.app.step()
+        self._board.step()
         while self._serial.heard:
-            self.app.step()
+            self._board.step()
 
     def summed(self, line):
         """Return a line in which the checksum of the uploaded lines replaces ``CHECKSUM``."""
-        commands = self.app._commands
-        upload = commands._uploads["layout" if line.startswith(b"layout") else "cal"]
+        upload = self.app.uploads["layout" if line.startswith(b"layout") else "cal"]
         return line.replace(b"CHECKSUM", checksum(upload._lines or []).encode())
 
     def said(self):
@@ -168,7 +172,7 @@ class Board:
     def settle(self):
         """Run the board until it has replied to its last command."""
         for _ in range(_SETTLE_STEPS):
-            self.app.step()
+            self._board.step()
             if not self.app.replies._claimed:
                 return
 

@@ -1,4 +1,6 @@
-"""Accurate times of samples on a board with several strips, whose polls are often late.
+"""Several strips on a board: which one is next, and accurate times of samples of late polls.
+
+Only a board with several strips gets this module.
 
 A poll asks the sensor for a new sample. Polls may be late, because the loop may be busy with
 another strip. So a poll only limits the time at which the sample ended. A poll that finds the
@@ -9,21 +11,19 @@ the limits of all polls: the next sample ends within `_end` +- `_half`.
 poll bisects: it is scheduled exactly at `_end`, and its result halves `_half`. All other polls are
 scheduled after the latest possible end, so they find the sample even if they are late.
 
-In 15 samples, one or two polls bisect. `several.SeveralApp` gives these polls priority over the
-work for other strips. At the first start, the period is uncertain by 6 %. One second later, the
+In 15 samples, one or two polls bisect. `Turns` gives these polls priority over the work for other
+strips. At the first start, the period is uncertain by 6 %. One second later, the
 times are accurate to 20 us for exposures of 5 to 10 ms. Integers only; allocates nothing.
 """
 
+import gc
+
 from .. import const
-from ..sensor.pacing import (
-    BRIEF_US,
-    LATCH_US,
-    LONG_US,
-    Pacing,
-)
+from ..sensor.pacing import BRIEF_US, LATCH_US, LONG_US, Pacing
+from .strip_app import StripApp
 
 _Q = const(8)  # fraction bits of times relative to `_end`
-FINE = const(2_048)  # 8 us, Q8: with a larger `_half`, the next poll bisects
+_FINE = const(2_048)  # 8 us, Q8: with a larger `_half`, the next poll bisects
 # After an early poll, polls within the same sample bisect until `_half` is at most 300 us (Q8).
 _COARSE = const(300 << 8)
 _MARGIN_US = const(12)  # a poll that does not bisect is this much after the latest possible end
@@ -34,6 +34,74 @@ _SHARE = const(12)  # a measurement of the period is valid if its error is below
 # More bisections in a row with the same result are improbable: the true end may be outside the
 # limits, for example after a jump of the period.
 _RUN = const(4)
+# The loop polls the strip with the earliest deadline next. To give a strip priority, the following
+# times are subtracted from its deadline.
+# For a strip whose sample times are unknown.
+_UNKNOWN_US = const(2_500)
+# For a strip whose next poll bisects, so that it must be on time: 128 times the error of its sample
+# times, at most this value times the number of other strips. The value is the time to process a
+# sample.
+_AHEAD_US = const(2_500)
+# For a strip with unknown sample times after a poll that was too early; the second value only if
+# the last poll of the loop was of this strip. Without it, two such strips would be polled in turn,
+# and the polls of each strip would be too far apart.
+_PUNCTUAL_US = const(500)
+_STAYS_US = const(4_000)
+_FAR_US = const(1 << 29)
+
+
+def open_strips(board, configs, open_sensor):
+    """Return the strips of a board as a tuple; the arguments are those of `app.Board`."""
+    strips = []
+    for own in configs:
+        gc.collect()  # so that the objects of each strip do not lie between garbage
+        config = type("Config", (), own)
+        sensor = open_sensor(config, board.clock)
+        sensor.pacing = AlignedPacing(board.clock)
+        if hasattr(config, "MUX_CHANNEL"):
+            from ..sensor.multiplexer import connect
+
+            connect(sensor, config.MUX_CHANNEL)
+        strips.append(StripApp(board, len(strips), config, sensor))
+    return tuple(strips)
+
+
+class Turns:
+    """Chooses the strip of a board with several strips whose sample the loop waits for.
+
+    Parameters
+    ----------
+    strips : tuple of strip_app.StripApp
+        The strips; each has an `AlignedPacing`.
+    clock : object
+        ``ticks_diff`` as in MicroPython's ``time``.
+    """
+
+    def __init__(self, strips, clock):
+        self._strips = strips
+        self._last = strips[0]
+        self._diff = clock.ticks_diff
+        self._ahead_us = _AHEAD_US * (len(strips) - 1)
+
+    def next(self, now):
+        """Return the strip to poll next: the same again if all are lost. Allocates nothing."""
+        chosen = self._last
+        least_us = _FAR_US
+        i = 0
+        while i < len(self._strips):  # an iterator would need a larger call frame, see strip.py
+            left_us = self._left_us(self._strips[i], now)
+            if left_us < least_us:
+                chosen = self._strips[i]
+                least_us = left_us
+            i += 1
+        self._last = chosen
+        return chosen
+
+    def _left_us(self, strip, now):
+        if strip.reconnect.lost:
+            return _FAR_US
+        lead_us = strip.pacing.lead_us(self._ahead_us, strip is self._last)
+        return self._diff(strip.pacing.due, now) - lead_us
 
 
 class AlignedPacing(Pacing):
@@ -53,6 +121,18 @@ class AlignedPacing(Pacing):
         self._drift = (period_us >> 7) + 1
         self._half = 0  # Q8 us
         self._run = 0  # bisections with the same result: positive if they found the sample
+
+    def lead_us(self, most_us, stays):
+        """Return the priority of the next poll, as a time to subtract from its deadline.
+
+        It is at most `most_us` if the sample times are known. `stays` is whether the last poll of
+        the loop was of this strip.
+        """
+        if self._locked:
+            return min(self._half >> 1, most_us) if self._half > _FINE else 0
+        if not self._was_early:
+            return _UNKNOWN_US
+        return _UNKNOWN_US + _PUNCTUAL_US + (_STAYS_US if stays else 0)
 
     def early(self, now):
         Pacing.early(self, now)
@@ -108,7 +188,7 @@ class AlignedPacing(Pacing):
         self._fraction = part & 255
         self._half += self._unsure
         self._samples += 1
-        self._aim(FINE)
+        self._aim(_FINE)
 
     def _aim(self, bisected):
         # The chip latches its data LATCH_US after the beginning of the poll.

@@ -37,12 +37,12 @@ class CircuitUsb:
     """
 
     def __init__(self, board_config):
-        self._led = None
+        self.led = None
         name = getattr(board_config, "LED_PIN", None)
         if name is not None:
             self._on = bool(board_config.LED_ON)
-            self._led = digitalio.DigitalInOut(getattr(board, name))
-            self._led.switch_to_output(value=not self._on)
+            self.led = digitalio.DigitalInOut(getattr(board, name))
+            self.led.switch_to_output(value=not self._on)
 
     def open(self, names):
         """Open HID interfaces.
@@ -50,7 +50,7 @@ class CircuitUsb:
         Parameters
         ----------
         names : list of str
-            Names of interfaces, from `outputs.INTERFACES`.
+            Names of interfaces, from `interfaces.INTERFACES`.
 
         Returns
         -------
@@ -59,11 +59,11 @@ class CircuitUsb:
         """
         from ..keys.usb_circuitpython import open_interfaces
 
-        return open_interfaces(names, self._show_leds)
+        return open_interfaces(names, self.show_leds)
 
-    def _show_leds(self, leds):
-        if self._led is not None:
-            self._led.value = self._on == bool(leds & CAPS_LOCK)
+    def show_leds(self, leds):
+        if self.led is not None:
+            self.led.value = self._on == bool(leds & CAPS_LOCK)
 
 
 def boot():
@@ -105,25 +105,19 @@ def main():
     runtime = "%s %d.%d.%d" % ((sys.implementation.name,) + tuple(sys.implementation.version[:3]))
     uid = "".join("%02x" % byte for byte in microcontroller.cpu.uid)
     usb = CircuitUsb(board_config) if board_config.USB_HID else None
-    if hasattr(board_config, "SENSORS"):
-        from .several import SeveralApp as BoardApp
-
-        sensor = _open_sensor
-    else:
-        from .app import BoardApp
-
-        sensor = _open_sensor(board_config, clock)
     serial = CdcSerial(usb_cdc.data, clock)
-    app = BoardApp(board_config, runtime, uid, sensor, clock, serial, usb)
-    if usb and usb._led is not None:
-        app.signal = usb._show_leds
-    if app.signal and app.boot_faults():
-        blink(usb._show_leds, _sleep_ms)
+    from .app import Board
+
+    app = Board(board_config, runtime, uid, _open_sensor, clock, serial, usb)
+    if usb and usb.led is not None:
+        app.signal = usb.show_leds
+        if app.boot_faults:
+            blink(usb.show_leds, _sleep_ms)
     if app.sensors == 1:
         app.ticks_us, app.sleep_us = clock.ticks_early_us, clock.sleep_early_us
         app.report_us = _REPORT_US
-    # Not every build has `kbd_intr`. Without it, a second Ctrl-C can interrupt `app._leave`, which
-    # is then repeated.
+    # Not every build has `kbd_intr`. Without it, a second Ctrl-C can interrupt the end of `run`,
+    # which is then repeated.
     app.interrupt_at = getattr(micropython, "kbd_intr", app.interrupt_at)
     run(app, _watchdog, _traceback, _sleep_ms, microcontroller.reset)
 
@@ -175,7 +169,7 @@ def _sleep_ms(ms):
 def _wanted(board_config):
     """Return the names of the USB interfaces that the stored settings of any strip need."""
     from ..keys.layout import default_lines, parse
-    from .outputs import INTERFACES
+    from .interfaces import INTERFACES
 
     store = Store()
     wanted = set()

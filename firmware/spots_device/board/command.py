@@ -11,7 +11,6 @@ import json
 
 from .. import PROTOCOL, __version__
 from ..reading.frame import TEXT_MAX
-from ..sensor.exposure import DONE, TOO_DARK
 from .settings import LIMITS, checksum
 
 LINE_MAX = 255
@@ -19,10 +18,12 @@ _LINES_MAX = 400  # lines of an upload
 _BYTES_MAX = 16_000
 _PART_MAX = TEXT_MAX - 60  # characters of the lines in a reply, with quotes and commas
 NAME_MAX = 20  # characters of an unknown name that the reply repeats
+_PREFIX = "sensor="
+_FIRST = ["begin"], ["clear"]  # words of the first line of an upload
 _NO_MEMORY = "no memory is left for this command: reboot and try again"
 
 
-def _noted(reply, note):
+def noted(reply, note):
     """Add `note` to the dict `reply` if the note is not empty; return the reply."""
     if note:
         reply["note"] = note
@@ -71,16 +72,25 @@ class Replies:
         Sends each reply as a TEXT frame.
     time : frame.Time32
         Board time; updated before each reply.
+    sensor : int or None
+        Number of the strip, for its replies; None on a board with one strip.
     """
 
-    def __init__(self, framer, time):
+    def __init__(self, framer, time, sensor):
         self._framer = framer
         self._time = time
+        self._sensor = sensor
         self._claimed = None
 
     def log(self, level, text):
         """Send the log line `text`; `level` is ``"info"`` or ``"error"``."""
-        self.send({"log": level, "text": text})
+        self.send(self.of_strip({"log": level, "text": text}))
+
+    def of_strip(self, reply):
+        """Add the number of the strip to a reply (dict) if the board has several; return it."""
+        if self._sensor is not None:
+            reply["sensor"] = self._sensor
+        return reply
 
     def send(self, reply):
         """Send a reply (dict); if it is too long or memory is short, send an error instead."""
@@ -108,7 +118,7 @@ class Replies:
         """Send the delayed reply (dict) to the command `name`."""
         self._claimed = None
         reply["re"] = name
-        self.send(reply)
+        self.send(self.of_strip(reply))
 
     def abandon(self, why):
         """If a reply is pending, send an error instead; `why` is the reason."""
@@ -169,7 +179,7 @@ class Upload:
             return {}
         if verb == "clear":
             self.forget()
-            return _noted({}, self._use([]))
+            return noted({}, self._use([]))
         if verb == "lines" and self._lines is None:
             return self._lines_from(words)
         if self._lines is None:
@@ -180,7 +190,7 @@ class Upload:
         self.forget()
         if words[1:] != [checksum(lines)]:
             raise ValueError("the checksum differs: send the %s again" % self.what)
-        return _noted({self.what: words[1]}, self._use(lines))
+        return noted({self.what: words[1]}, self._use(lines))
 
     def _lines_from(self, words):
         # As many lines as fit into a reply. With their quotes, commas and the rest of the reply,
@@ -229,21 +239,17 @@ class Commands:
       save                store settings, layout and calibration
       sync                the board's time, and the kinds of frames that it streams
       reboot              restart the firmware
-      ... sensor=N        the command is for strip N of a board with several strips
+      ... sensor=N        the command is for strip N, counted from 0
 
     Parameters
     ----------
-    app : app.BoardApp
-        Application that the commands control.
+    board : app.Board
+        Board that the commands control.
     """
 
-    def __init__(self, app):
-        self._app = app
-        self._replies = app.replies
-        self._uploads = {
-            "cal": Upload("cal", "calibration", app.use_calibration, lambda: app.calibration.lines),
-            "layout": Upload("layout", "layout", app.use_layout, lambda: app.outputs.layout_lines),
-        }
+    def __init__(self, board):
+        self._board = board
+        self._uploads_to = board.strips[0]  # strip of the present upload
 
     def handle(self, line):
         """Execute the command in a line.
@@ -260,103 +266,101 @@ class Commands:
         """
         words = line.split() or [""]
         name = words[0]
+        strip = self._board.strips[0]
         try:
-            if words[-1].startswith("sensor="):
-                raise ValueError("this board has one sensor: leave sensor= out", "no_sensor")
+            strip = self._strip(words)
             if name not in self._TABLE:
                 text = "no such command; use one of " + ", ".join(sorted(self._TABLE))
                 if name in LIMITS:
                     text = "'%s' is a setting: send 'set %s=VALUE'" % (name, name)
                 raise ValueError(text, "no_command")
-            reply = self._TABLE[name](self, words)
+            reply = self._TABLE[name](self, strip, words)
         except (ValueError, OSError) as error:
             if isinstance(error, OSError):
                 reply = {"error": str(error), "why": "no_bus"}
             else:
-                what = self._uploads[name].what if name in self._uploads else "value"
+                what = strip.uploads[name].what if name in strip.uploads else "value"
                 text, why = (error.args + ("bad_" + what,))[:2]
                 reply = {"error": text, "why": why}
         except MemoryError:
-            for upload in self._uploads.values():
+            for upload in strip.uploads.values():
                 upload.forget()
             reply = {"error": _NO_MEMORY, "why": "no_memory"}
         if reply is not None:
             reply["re"] = name[:NAME_MAX]
+            strip.replies.of_strip(reply)
         return reply
 
-    def _hello(self, words):
-        reply = self._app.identity()
+    def _strip(self, words):
+        # Return the strip that a command is for, and remove ``sensor=N`` from its words. Of an
+        # upload, only the first line needs it.
+        strips = self._board.strips
+        strip = strips[0]
+        uploads = words[0] in strip.uploads and words[1:2] != ["lines"]
+        if len(words) > 1 and words[-1].startswith(_PREFIX):
+            known = [str(i) for i in range(len(strips))]
+            number = words.pop()[len(_PREFIX) :]
+            if number not in known:
+                raise ValueError("sensor must be " + " or ".join(known), "no_sensor")
+            strip = strips[int(number)]
+        elif uploads and words[1:] not in _FIRST:
+            strip = self._uploads_to
+        if uploads:
+            self._uploads_to = strip
+        return strip
+
+    def _hello(self, strip, words):
+        reply = strip.identity()
         reply["protocol"] = PROTOCOL
         reply["firmware"] = __version__
         return reply
 
-    def _get(self, words):
-        return self._app.state()
+    def _get(self, strip, words):
+        return strip.state()
 
-    def _set(self, words):
+    def _set(self, strip, words):
         if len(words) == 1:
             raise ValueError("name a setting, as in: set exposure_us=10000 gain=9")
-        app = self._app
-        if app.settings.change(words[1:]):
-            app.restart()
-        reply = app.settings.reply()
-        reply["rate_mHz"] = app.settings.rate_mHz()
-        return _noted(reply, app.apply_calibration())
+        if strip.settings.change(words[1:]):
+            strip.restart()
+        reply = strip.settings.reply()
+        reply["rate_mHz"] = strip.settings.rate_mHz()
+        return noted(reply, strip.apply_calibration())
 
-    def _stream(self, words):
+    def _stream(self, strip, words):
         kinds = set(words[1:])
         if not kinds or kinds - {"touch", "spectrum", "contact", "off"}:
             raise ValueError("stream takes touch, spectrum, contact, or off")
         if "off" in kinds and len(kinds) > 1:
             raise ValueError("stream off takes no other word")
-        note = self._app.strip.stream(kinds)
-        return _noted({"stream": sorted(kinds)}, note)
+        return noted({"stream": sorted(kinds)}, strip.strip.stream(kinds))
 
-    def _dark(self, words):
-        self._replies.check_unclaimed()
-        app = self._app
-        if app.settings.values["led"] == "always" and words[1:] != ["off"]:
-            if not app.strip.lit_flags:
+    def _dark(self, strip, words):
+        strip.replies.check_unclaimed()
+        if strip.settings.values["led"] == "always" and words[1:] != ["off"]:
+            if not strip.strip.lit_flags:
                 from .light import NO_DARK
 
                 raise ValueError(NO_DARK, "no_dark")
-            return {"dark": app.strip.dark_frame()}
-        app.strip.request_dark(self._dark_done)
-        self._replies.claim("dark")
+            return {"dark": strip.strip.dark_frame()}
+        strip.strip.request_dark(strip.dark_done)
+        strip.replies.claim("dark")
         return None
 
-    def _dark_done(self):
-        app = self._app
-        if app.settings.values["led"] == "always":
-            app.apply_calibration()  # without a dark frame, the calibration was not used
-        self._replies.finish("dark", {"dark": app.strip.dark_frame()})
-
-    def _tare(self, words):
-        self._app.strip.request_tare()
+    def _tare(self, strip, words):
+        strip.strip.request_tare()
         return {}
 
-    def _autoexpose(self, words):
-        self._replies.check_unclaimed()
-        self._app.release_keys()
-        self._app.strip.request_search(self._search_done)
-        self._replies.claim("autoexpose")
+    def _autoexpose(self, strip, words):
+        strip.replies.check_unclaimed()
+        strip.release_keys()
+        strip.strip.request_search(strip.search_done)
+        strip.replies.claim("autoexpose")
         return None
 
-    def _search_done(self, outcome):
-        app = self._app
-        note = app.apply_calibration()
-        error = "too bright at the least gain and LED current; shade the sensor"
-        reply = {"error": error, "why": "too_bright"}
-        if outcome == DONE:
-            reply = _noted(app.settings.reply(), note)
-        elif outcome == TOO_DARK:
-            reply["error"] = "too dark at full gain and LED current; press harder, check the LED"
-            reply["why"] = "too_dark"
-        self._replies.finish("autoexpose", reply)
-
-    def _save(self, words):
+    def _save(self, strip, words):
         try:
-            self._app.save()
+            self._board.save()
         except OSError as error:
             # The numbers are the same on all runtimes; the host has a sentence for each.
             number = error.args[0] if error.args else None
@@ -364,19 +368,20 @@ class Commands:
             return {"error": error, "errno": number, "why": "no_flash"}
         return {}
 
-    def _sync(self, words):
+    def _sync(self, strip, words):
         # A host detects a restart of the board by an empty list of streams.
-        return {"t_us": self._app.time_us(), "stream": self._app.strip.streams()}
+        return {"t_us": self._board.time_us(), "stream": strip.strip.streams()}
 
-    def _reboot(self, words):
-        self._app.abandon("the board was rebooted")
-        self._app.reboot = True
+    def _reboot(self, strip, words):
+        for each in self._board.strips:
+            each.abandon("the board was rebooted")
+        self._board.reboot = True
         return {}
 
-    def _upload(self, words):
-        return self._uploads[words[0]].take(words[1:])
+    def _upload(self, strip, words):
+        return strip.uploads[words[0]].take(words[1:])
 
-    # Each function gets all words of the line, including the name of the command.
+    # Each function gets a strip and all words of the line, including the name of the command.
     _TABLE = {
         "hello": _hello,
         "get": _get,

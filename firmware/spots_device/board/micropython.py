@@ -27,11 +27,11 @@ class MachineUsb:
 
     def __init__(self, board_config):
         self._most = getattr(board_config, "USB_HID_MAX", None)
-        self._led = None
+        self.led = None
         pin = getattr(board_config, "LED_PIN", None)
         if pin is not None:
             self._on = board_config.LED_ON
-            self._led = machine.Pin(pin, machine.Pin.OUT, value=1 - self._on)
+            self.led = machine.Pin(pin, machine.Pin.OUT, value=1 - self._on)
 
     def open(self, names):
         """Open HID interfaces; USB disconnects and connects again.
@@ -39,7 +39,7 @@ class MachineUsb:
         Parameters
         ----------
         names : list of str
-            Names of interfaces, from `outputs.INTERFACES`.
+            Names of interfaces, from `interfaces.INTERFACES`.
 
         Returns
         -------
@@ -63,11 +63,11 @@ class MachineUsb:
             )
         from ..keys.usb_micropython import open_interfaces
 
-        return open_interfaces(names, self._show_leds)
+        return open_interfaces(names, self.show_leds)
 
-    def _show_leds(self, leds):
-        if self._led is not None:
-            self._led.value(self._on if leds & CAPS_LOCK else 1 - self._on)
+    def show_leds(self, leds):
+        if self.led is not None:
+            self.led.value(self._on if leds & CAPS_LOCK else 1 - self._on)
 
 
 def main():
@@ -89,19 +89,13 @@ def main():
     runtime = "micropython %d.%d.%d" % sys.implementation.version[:3]
     uid = machine.unique_id().hex()
     usb = MachineUsb(board_config) if board_config.USB_HID else None
-    if hasattr(board_config, "SENSORS"):
-        from .several import SeveralApp as BoardApp
+    from .app import Board
 
-        sensor = _open_sensor
-    else:
-        from .app import BoardApp
-
-        sensor = _open_sensor(board_config, time)
-    app = BoardApp(board_config, runtime, uid, sensor, time, StdioSerial(), usb)
-    if usb and usb._led is not None:
-        app.signal = usb._show_leds
-    if app.signal and app.boot_faults():
-        blink(usb._show_leds, time.sleep_ms)
+    app = Board(board_config, runtime, uid, _open_sensor, time, StdioSerial(), usb)
+    if usb and usb.led is not None:
+        app.signal = usb.show_leds
+        if app.boot_faults:
+            blink(usb.show_leds, time.sleep_ms)
     app.interrupt_at = micropython.kbd_intr
     run(app, _watchdog, _traceback, time.sleep_ms, machine.reset)
 

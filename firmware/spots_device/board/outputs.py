@@ -1,4 +1,4 @@
-"""Turns readings into key events, contacts and gamepad reports, as far as these are switched on.
+"""Turns the readings of a strip into key events, contacts and gamepad reports, if switched on.
 
 A contact is a finger on the strip. A board without USB HID sends keys as frames only. Modules of
 functions that are switched off are not imported, which saves memory.
@@ -10,16 +10,8 @@ from .. import const
 from ..fingers.state import STATE, STUCK_T, TWO, UP
 from ..reading import decode as d
 from ..runtime.modules import drop
+from .interfaces import INTERFACES
 
-# Name of each USB interface, the setting that enables it, and the kind of actions that need it, see
-# `layout.KEYBOARD`.
-INTERFACES = (
-    ("keyboard", "keys", 7),
-    ("consumer", "keys", 12),
-    ("system", "keys", 8),
-    ("mouse", "keys", 9),
-    ("gamepad", "gamepad", 0),
-)
 _NONE = const(-1)
 _EVENTS = const(16)  # key events that wait; `engine.Engine.release` causes 15 at most
 _NO_MEMORY = "no memory is left for keys and contacts: save and reboot"
@@ -40,20 +32,20 @@ def _parse(lines):
 
 
 class Outputs:
-    """Passes readings to keypad, contacts and gamepad; sends their events and reports to the host.
+    """Passes the readings of a strip to keypad, contacts and gamepad; sends their events.
 
     Parameters
     ----------
+    sensor : int
+        Number of the strip's sensor, from 0.
     settings : settings.BoardSettings
-        Settings of the board; `apply` reads ``keys`` and ``gamepad``.
+        Settings of the strip; `apply` reads ``keys`` and ``gamepad``.
     framer : frame.Framer
         Sends key events as KEY frames, and fingers as CONTACT frames.
     time : frame.Time32
         Board time; the caller updates it before each event.
-    usb : object or None
-        USB stack. Its method ``open(names) -> dict`` opens interfaces of `INTERFACES` and returns
-        a function ``send(report) -> bool`` for each opened interface; on failure it raises OSError
-        with a sentence. `usb` is None on a board without USB HID.
+    interfaces : interfaces.Interfaces
+        USB interfaces, which get the reports.
     layout_lines : list of str
         Validated lines of a `keymap.KeyMap`; an empty list selects ten keys in a row.
 
@@ -67,39 +59,24 @@ class Outputs:
         Whether CONTACT frames are streamed.
     two : bool
         Whether two fingers may have caused the last reading.
-    shares : bool
-        Whether several strips share the USB interfaces.
     is_object : bool
         Whether the touch has not moved for the layout's ``stuck_ms``: it is then treated as an
         object, not as a finger.
-    interfaces : tuple
-        Opened USB interfaces.
-    fault : str or None
-        Sentence that says why the USB interfaces could not be opened at start, or None.
     """
 
-    def __init__(self, settings, framer, time, usb, layout_lines):
+    def __init__(self, sensor, settings, framer, time, interfaces, layout_lines):
+        self._sensor = sensor
         self._values = settings.values
         self._framer = framer
         self._time = time
-        self._usb = usb
-        self._sensor = 0
+        self._interfaces = interfaces
         self.is_object = self.two = self.streams_contacts = False
-        self.fault = None
         self._memory_fault = None
         self._keypad = self._layout = None
-        self.keyboard_of = self  # strips of one keyboard share its `merge.Merger`
-        self.shares = False
-        self.merger = None
         self._contacts = None  # `contacts.Fingers` while contacts are streamed
         # Those in use. The tracker is that of the keypad, or without keys that of the contacts.
         self._fingers = self._tracker = None
         self._axes = None
-        # For each kind of actions, the opened interface that presses them. Strips share them.
-        self._pressed_by = {}
-        self._pressing = ()  # values of `_pressed_by`
-        self._there = {}  # opened interfaces by name
-        self.interfaces = ()  # values of `_there` as a tuple: iterating over it allocates nothing
         self._events = array("i", bytes(4 * 3 * _EVENTS))
         self._waiting = 0  # key events in `_events`
         self._releases = False  # whether `release` is running
@@ -109,7 +86,13 @@ class Outputs:
         if self._values["keys"] or self._values["gamepad"]:
             # The largest module first, while the memory is in one piece.
             from ..fingers import tracker  # noqa: F401
-        self._open(self._wanted())
+
+    def connect(self):
+        """Use the USB interfaces, after they were opened."""
+        if "gamepad" in self._interfaces.by_name:
+            from ..keys.gamepad import GamepadAxes
+
+            self._axes = GamepadAxes(self._interfaces.by_name["gamepad"])
 
     def use_layout(self, lines):
         """Store validated lines of a layout (list of str; empty: the default layout).
@@ -138,9 +121,9 @@ class Outputs:
                     from ..keys.keypad import Keypad
                     from ..keys.merge import Merger
 
-                    if self.keyboard_of.merger is None:
-                        self.keyboard_of.merger = Merger()
-                    self._keypad = Keypad(self, self.keyboard_of.merger)
+                    if self._interfaces.merger is None:
+                        self._interfaces.merger = Merger()
+                    self._keypad = Keypad(self, self._interfaces.merger)
                 length_um, decay = calibration.length_um, calibration.decay
                 self._keypad.set_layout(self._get_layout(), length_um, decay, calibration.cross)
             except MemoryError:
@@ -186,44 +169,37 @@ class Outputs:
         str or None
             One or more sentences for the user; None if everything works.
         """
-        wanted = self._wanted()
+        wanted = self.wanted()
         if not wanted:
             return self._memory_fault
         notes = []
         if calibration is None:
             notes.append("keys and gamepad need a calibration")
-        missing = [name for name in wanted if name not in self._there]
+        missing = self._interfaces.missing(wanted)
         if self._memory_fault:
             notes.append(self._memory_fault)
-        if missing and self.fault:
-            notes.append(self.fault)
-        elif missing and self._usb is None:
-            notes.append("this board has no USB %s" % " and ".join(missing))
-        elif missing:
-            notes.append("save and reboot to make the board a USB %s" % " and ".join(missing))
-        if "keyboard" in missing and self._keys_on:
+        if missing:
+            notes.append(missing)
+        if self._keys_on and "keyboard" not in self._interfaces.by_name:
             notes.append("keys are sent as frames only")
         return "; ".join(notes) or None
 
-    def take(self, sensor, state):
+    def take(self, state):
         """Pass a reading to the keypad, the contacts and the gamepad. Allocates nothing.
 
         Marks the reading as untrusted while there may be two fingers.
 
         Parameters
         ----------
-        sensor : int
-            Number of the sensor, from 0.
         state : array of int
             The reading, as in `decode.Decode.state`.
         """
-        self._sensor = sensor
         self.is_object = self.two = False
         if self._tracker is not None:
             self._track(state)
             if self._fingers is not None:
                 self._follow_fingers(state)
-                self._fingers.send(sensor, state)
+                self._fingers.send(self._sensor, state)
             flags = state[d.FLAGS]
             # Not the property `two`: a call takes longer than a look-up.
             if flags & d.TOUCHING and self._tracker.state[STATE] == TWO:
@@ -254,13 +230,13 @@ class Outputs:
 
     def usage(self, page, usage, modifiers, pressed):
         """Pass the press or release of a single usage to its open interface, see `merge.Merger`."""
-        output = self._pressed_by.get(page)
+        output = self._interfaces.by_kind.get(page)
         if output is not None:
             output.key(usage, modifiers, pressed)
 
     def scroll(self, number, parts):
         """Turn the wheel `number`, see `layout.WHEEL`, by 120ths of a notch."""
-        mouse = self._pressed_by.get(9)  # layout.MOUSE
+        mouse = self._interfaces.by_kind.get(9)  # layout.MOUSE
         if mouse is not None:
             mouse.scroll(number, parts)
             mouse.flush()
@@ -292,13 +268,13 @@ class Outputs:
         """Send the frames of the last event; return whether there is room for another event."""
         self._send_keys()
         # Not `all` with a generator, which allocates.
-        for output in self.keyboard_of.interfaces:  # noqa: SIM110
+        for output in self._interfaces.opened:  # noqa: SIM110
             if not output.outbox.has_room():
                 return False
         return True
 
     def _flush(self):
-        for output in self._pressing:
+        for output in self._interfaces.pressing:
             if output.unsent:
                 output.flush()
 
@@ -323,11 +299,10 @@ class Outputs:
         self.is_object = True
 
     def pump(self):
-        """Process the key events of the last reading, and send reports.
+        """Process the key events of the last reading, and send their frames.
 
-        Offers the oldest report of each queue to the host; returns True if no report waits. Presses
-        that wait for too long are dropped first, see `reports.Outbox`. Call it from the loop: keys
-        in `take`, below the calls that process a sample, would exceed the stack of an RP2040.
+        Call it from the loop: keys in `take`, below the calls that process a sample, would exceed
+        the stack of an RP2040.
         """
         if self._until >= 0:
             until = self._until
@@ -335,32 +310,11 @@ class Outputs:
             self._keypad.engine.tick(until)
         if self._waiting:
             self._send_keys()
-        idle = True
-        for output in self.interfaces:
-            idle = self._offer(output) and idle
-        return idle
-
-    def _offer(self, output):
-        # Returns whether no report of the interface `output` waits.
-        outbox = output.outbox
-        idle = True
-        if outbox.count:
-            self._time.update()
-            dropped = outbox.dropped
-            if outbox.expire():
-                output.release()
-            if outbox.dropped != dropped and self.merger is not None:
-                self.merger.drops += 1  # ends a text
-            idle = outbox.pump()
-        if output.unsent:  # the queue was full
-            output.flush()
-            idle = False
-        return idle
 
     def release(self):
         """Release all keys and the gamepad, end all contacts; ignore the finger until it lifts.
 
-        A strip that shares the keyboard with others releases only its own keys; `pump` sends this.
+        `pump` sends the frames, and `interfaces.Interfaces.pump` the reports.
         """
         if self._fingers is not None:
             self._fingers.release()
@@ -370,32 +324,8 @@ class Outputs:
             self._keypad.engine.release()  # here, because its calls nest deeply
             self._releases = False
             self._keypad.release()
-        if not self.shares:
-            for output in self.interfaces:
-                output.release()
-        elif self._gamepad_on:
+        if self._gamepad_on:
             self._axes.release()
-
-    def finish(self, clock, until):
-        """Release all keys and gamepad buttons; wait until USB has accepted these reports.
-
-        Parameters
-        ----------
-        clock : object
-            ``ticks_us``, ``ticks_diff`` and ``sleep_us`` as in MicroPython's ``time``.
-        until : int
-            Deadline of the wait, in ticks.
-        """
-        self.release()
-        while not self.pump() and clock.ticks_diff(until, clock.ticks_us()) > 0:
-            clock.sleep_us(1_000)
-
-    def dropped(self):
-        """Return the number of reports that were never sent."""
-        dropped = 0
-        for output in self.interfaces:
-            dropped += output.outbox.dropped
-        return dropped
 
     def _follow(self, calibration):
         """Select the trackers in use: that of the keys, and that of the CONTACT frames."""
@@ -424,7 +354,7 @@ class Outputs:
 
     def _activate(self):
         self.active = self._tracker is not None or self._gamepad_on
-        self.pumps = self._keys_on or bool(self.interfaces)
+        self.pumps = self._keys_on or bool(self._interfaces.opened)
         self.is_object = self.two = False
 
     def _get_layout(self):
@@ -432,7 +362,8 @@ class Outputs:
             self._layout = _parse(self.layout_lines)
         return self._layout
 
-    def _wanted(self):
+    def wanted(self):
+        """Return the names of the USB interfaces that settings and layout need."""
         kinds = (0, 7)  # layout.KEYBOARD; layout.py is imported only if a layout is used
         if self._values["keys"]:
             try:
@@ -442,35 +373,3 @@ class Outputs:
         return [
             name for name, setting, kind in INTERFACES if self._values[setting] and kind in kinds
         ]
-
-    def _open(self, names):
-        if self._usb is None or not names:
-            return
-        try:
-            sends = self._usb.open(names)
-        except OSError as error:
-            self.fault = str(error)
-            return
-        from ..keys.reports import GamepadReports, KeyboardReports, OneKeyReports
-
-        made = {
-            "keyboard": KeyboardReports,
-            "consumer": OneKeyReports,
-            "system": OneKeyReports,
-            "gamepad": GamepadReports,
-        }
-        if "mouse" in sends:
-            from ..keys.mouse import MouseReports
-
-            made["mouse"] = MouseReports
-        self._there = {name: made[name](send, self._time.ticks) for name, send in sends.items()}
-        self.interfaces = tuple(self._there.values())
-        self.pumps = True
-        self._pressed_by = {
-            kind: self._there[name] for name, _, kind in INTERFACES if kind and name in sends
-        }
-        self._pressing = tuple(self._pressed_by.values())
-        if "gamepad" in sends:
-            from ..keys.gamepad import GamepadAxes
-
-            self._axes = GamepadAxes(self._there["gamepad"])

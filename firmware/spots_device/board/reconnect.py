@@ -1,7 +1,5 @@
 """Reconnects a sensor that does not answer: repeats its start, and reports the fault one time."""
 
-import gc
-
 from .. import const
 from ..sensor.as7341 import SensorError
 
@@ -16,7 +14,7 @@ class Reconnect:
     strip : strip.Strip
         Strip whose sensor is started.
     clock : object
-        Has ``sleep_us(us)``, as MicroPython's ``time``.
+        ``ticks_us``, ``ticks_add`` and ``ticks_diff`` as in MicroPython's ``time``.
     replies : command.Replies
         Sends the log lines.
     on_found : callable
@@ -41,23 +39,24 @@ class Reconnect:
         self._replies = replies
         self._on_found = on_found
         self._on_lost = on_lost
+        self._due = clock.ticks_us()
         self.lost = True
         self.fault = None
         self.faults = 0
 
     def search(self):
-        """Try to start the sensor one time; takes 0.1 s if it does not answer."""
-        # While the sensor is lost, a pause for garbage collection costs no sample. Without the
-        # collection, garbage of earlier attempts would slow down the loop until the next command.
-        gc.collect()
+        """Try to start the sensor, which takes 25 ms; return False if it is too early for it."""
+        clock = self._clock
+        if clock.ticks_diff(clock.ticks_us(), self._due) < 0:
+            return False
         try:
             self._strip.start()
         except (OSError, SensorError) as error:
             self.lose(error)
-            self._clock.sleep_us(_RETRY_US)
-            return
-        self.lost = False
-        self._on_found()
+        else:
+            self.lost = False
+            self._on_found()
+        return True
 
     def restart(self):
         """Restart the sensor with the present settings; does nothing while the sensor is lost."""
@@ -70,14 +69,19 @@ class Reconnect:
     def lose(self, error):
         """Record that the sensor does not answer; the main loop then calls `search`.
 
+        The first attempt follows immediately, each further one 0.1 s later.
+
         Parameters
         ----------
         error : OSError or as7341.SensorError
             Cause of the loss.
         """
+        clock = self._clock
+        known, was_lost = self.fault, self.lost
+        self._due = clock.ticks_add(clock.ticks_us(), _RETRY_US if known or was_lost else 0)
         self.lost = True
         self._on_lost()
-        known, self.fault = self.fault, str(error)
+        self.fault = str(error)
         if isinstance(error, OSError):
             self.fault = "the I2C bus failed (%s): check the wiring" % error
         if not known:  # further failed attempts are the same fault, and are not reported

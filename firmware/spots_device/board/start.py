@@ -52,8 +52,8 @@ def run(app, watchdog, traceback_of, sleep_ms, reset):
 
     Parameters
     ----------
-    app : app.BoardApp
-        Application to run.
+    app : app.Board
+        Board to run.
     watchdog : callable
         ``watchdog() -> callable`` starts the watchdog and returns the function that feeds it.
         Called only if the setting ``watchdog`` is 1.
@@ -70,7 +70,7 @@ def run(app, watchdog, traceback_of, sleep_ms, reset):
         On Ctrl-C without a watchdog. A watchdog cannot be stopped; if it runs, Ctrl-C resets the
         board, and the board does not start the application after this reset.
     """
-    watched = app.settings.values["watchdog"]
+    watched = app.strips[0].settings.values["watchdog"]
     if watched:
         app.feed = watchdog()
     try:

@@ -39,7 +39,7 @@ _HALF = 1 << 28  # half the period of ticks_ms
 
 
 def enable(names):
-    """Select interfaces of `outputs.INTERFACES`. Call it in boot.py, before USB connects."""
+    """Select interfaces of `interfaces.INTERFACES`. Call it in boot.py, before USB connects."""
     usb_hid.enable(tuple([_device(name) for name in names]))
 
 

@@ -323,7 +323,7 @@ class Strip:
         outputs = self._outputs
         if not outputs.active:
             return False
-        outputs.take(self.index, self._reading)
+        outputs.take(self._reading)
         if outputs.is_object:
             self.request_tare()
         return outputs.two

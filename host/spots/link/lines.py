@@ -8,7 +8,7 @@ _UPLOADED = re.compile(r"(cal|layout) (?!(begin|clear)\b)")
 
 
 def of_sensor(line: str, sensor: int) -> str:
-    """Append ``sensor=N`` to a command, unless N is 0: a board with one strip does not know it."""
+    """Append ``sensor=N`` to a command, unless N is 0, which every command is for without it."""
     return f"{line} sensor={sensor}" if sensor else line
 
 

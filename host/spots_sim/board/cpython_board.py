@@ -39,7 +39,7 @@ _TICKS = protocol.PERIOD_US
 _slow_down = runpy.run_path(str(BOARDS / "_virtual" / "_cpu.py"))["slow_down"]
 # Modules that only MicroPython or CircuitPython can import.
 _OTHERS = VIPER, "circuitpython", "micropython"
-_MODULES = "board.app", "sensor.as7341", "board.several"
+_MODULES = "board.app", "sensor.as7341"
 
 _numbers = itertools.count()
 
@@ -151,13 +151,11 @@ class CPythonBoard:
             sensor.thermometer = lambda: rp2_mC(requests.heat)
             return sensor
 
-        several = hasattr(self._config, "SENSORS")
-        kind = modules["board.several"].SeveralApp if several else modules["board.app"].BoardApp
-        self._app = kind(
+        self._app = modules["board.app"].Board(
             self._config,
             f"cpython {platform.python_version()}",
             self._id,
-            open_sensor if several else open_sensor(self._config, clock),
+            open_sensor,
             clock,
             _Serial(self._port),
             _UsbDevice(clock, self._usb),

@@ -7,7 +7,7 @@ shows it. But the frame counts towards the threshold at which the garbage collec
 import gc
 
 import canned
-from spots_device.board.several import SeveralApp
+from spots_device.board.app import Board
 from spots_device.sensor.as7341 import AS7341
 
 _SAMPLES = 500
@@ -47,8 +47,8 @@ def two_strips(port):
         clock.sleep_us(3_000)
         return AS7341(canned.Bus(clock), clock)
 
-    app = SeveralApp(TwoStrips, "canned", "00", open_sensor, clock, port)
-    for part in app.parts:
+    app = Board(TwoStrips, "canned", "00", open_sensor, clock, port)
+    for part in app.strips:
         part.strip.stream_touch = True
     return app
 
@@ -76,7 +76,7 @@ def call_deep():
 
 port = Port()
 app, bus, _, _ = canned.app((), port)
-app.strip.stream_spectrum = False
+app.strips[0].strip.stream_spectrum = False
 bus.counts((538, 548, 714, 916, 1247, 684))
 play(app, port, 100)
 both = two_strips(port)

@@ -10,9 +10,8 @@ import gc
 import uos as os
 
 import canned
-from spots_device.board.app import BoardApp
+from spots_device.board.app import Board
 from spots_device.board.settings import checksum
-from spots_device.board.several import SeveralApp
 from spots_device.board.store import Store
 from spots_device.keys.layout import default_lines
 from spots_device.sensor.as7341 import AS7341
@@ -118,10 +117,7 @@ def boot(strips):
         bus.counts(_COUNTS)
         return AS7341(bus, clock)
 
-    if strips == 1:
-        app = BoardApp(canned.BoardConfig, "canned", "00", sensor(), clock, serial)
-    else:
-        app = SeveralApp(Two, "canned", "00", sensor, clock, serial)
+    app = Board(canned.BoardConfig if strips == 1 else Two, "canned", "00", sensor, clock, serial)
     app.step()
     return app
 
@@ -131,7 +127,7 @@ def send(app, strip, line):
         line += " sensor=%d" % strip
     reply = app._commands.handle(line)
     for _ in range(_STEPS_MAX):
-        if not app.replies._claimed:
+        if not app.strips[strip].replies._claimed:
             break
         app.step()
     assert reply is None or "error" not in reply, (line, reply)
@@ -144,7 +140,7 @@ def upload(app, strip, command, lines):
 
 
 def settings(app, strip):
-    send(app, strip, "set average=%d" % (1 + app.settings.values["average"] % 3))
+    send(app, strip, "set average=%d" % (1 + app.strips[0].settings.values["average"] % 3))
 
 
 def autoexpose(app, strip):
@@ -211,9 +207,9 @@ def cut(system, strips, change, image):
         found = app.stored()
         assert found in (known, wanted), (change, counts, found)
         counts[found == wanted] += 1
-        app.settings.change(["average=7"])  # the board can save again
+        app.strips[0].settings.change(["average=7"])  # the board can save again
         app.save()
-        assert Store().load("settings") == app.settings.lines(), (change, counts)
+        assert Store().load("settings") == app.strips[0].settings.lines(), (change, counts)
         app = None
         system.umount()
         gc.collect()

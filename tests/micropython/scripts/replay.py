@@ -91,8 +91,9 @@ def main():
         given = json.load(file)
     clock, port = canned.Clock(), Port()
     sensor = Sensor(clock)
-    app = canned.BoardApp(canned.BoardConfig, "canned", "00", sensor, clock, port, None)
-    app.step()
+    board = canned.Board(canned.BoardConfig, "canned", "00", lambda *_: sensor, clock, port, None)
+    board.step()
+    app = board.strips[0]
     app.use_calibration(given["calibration"])
     app.strip.stream(["touch"])
     every = given["every"]

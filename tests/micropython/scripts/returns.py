@@ -28,16 +28,17 @@ class Absent:
 with open("given.json") as file:
     lines = json.load(file)["calibration"]
 Store().save([("settings", ["keys=1"])])
-app, bus, clock, _ = canned.app(lines)
+board, bus, clock, _ = canned.app(lines)
+app = board.strips[0]
 lines = None
 sensor = app.strip.sensor
 for _ in range(_RETURNS):
     sensor.bus = Absent()
     while not app.reconnect.fault:
-        app.step()
+        board.step()
     sensor.bus = bus
     while app.reconnect.lost:
-        app.step()
+        board.step()
     gc.disable()
     before = gc.mem_alloc()
     gc.collect()

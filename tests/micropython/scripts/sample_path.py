@@ -72,7 +72,7 @@ def step_for(lasts_us, lit, dark):
     until = clock.ticks_add(clock.now, lasts_us)
     while clock.ticks_diff(until, clock.now) > 0:
         bus.counts(lit if bus.registers[_LED] & _LED_ON else dark)
-        app.step()
+        board.step()
 
 
 def play(scenes, ends):
@@ -128,7 +128,8 @@ with open("given.json") as file:
 port = Port(given["port_bytes"])
 usb = Usb(given["port_bytes"] // 4)
 Store().save([("settings", given["uses"]), ("layout", given["layout"])])
-app, bus, clock, _ = canned.app((), port, usb)
+board, bus, clock, _ = canned.app((), port, usb)
+app = board.strips[0]
 strip = app.strip
 strip.sensor.thermometer = temperature_mC
 calibrations = []

@@ -18,13 +18,14 @@ _STEPS = 300
 with open("given.json") as file:
     given = json.load(file)
 Store().save([("settings", ["keys=1"])])
-app, _, _, _ = canned.app(given["calibration"])
+board, _, _, _ = canned.app(given["calibration"])
+app = board.strips[0]
 
 
 def upload():
     notes = app.use_layout(given["layout"]), app.use_calibration(given["calibration"])
     for _ in range(_STEPS):
-        app.step()
+        board.step()
     return notes
 
 
