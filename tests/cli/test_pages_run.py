@@ -42,8 +42,8 @@ BLOCK = re.compile(
 SAVED = re.compile(r"Save this as `mine\.toml`.*?^```toml\n(.*?)^```", re.MULTILINE | re.DOTALL)
 # Commands that do not end by themselves: they are interrupted after their first line of output.
 ENDLESS = re.compile(r"spots (serve|monitor|publish|subscribe|twin|demo --page)\b")
-# Half a minute of the simulated stage each; tests/calibrate runs `characterize` with these options.
-MEASURES = re.compile(r"spots characterize .*--(change|sensor)\b")
+# Half a minute of the simulated stage each; tests/calibrate runs these commands with these options.
+MEASURES = re.compile(r"spots (characterize .*--(change|sensor)|demo .*--rezero)\b")
 # Of a page's own test.
 ELSEWHERE = {"build/first-press.md"}
 PAGES = [page for page, kind in build_site.pages().items() if kind != "evidence"]

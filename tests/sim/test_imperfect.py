@@ -254,7 +254,7 @@ def published_leds():
 
 
 @pytest.mark.board
-@pytest.mark.parametrize("name", ["LED-B1", "LED-B3", "LED-BH1", "LED-V2"])
+@pytest.mark.parametrize("name", ["LED-B3", "LED-V2"])
 def test_a_strip_under_a_published_led_spectrum_calibrates(tmp_path, sensor, published_leds, name):
     published = published_leds[name]
     table(tmp_path / "led.csv", published.wavelengths, published.values)

@@ -15,7 +15,7 @@ from spots_make import shape as strip_shape
 from spots_make.assembly import assembly, castings
 from spots_make.shape import BED, BREAKOUTS, StripShape
 
-LENGTHS_MM = 30.0, 85.0, 200.0
+LENGTHS_MM = 30.0, 200.0
 BRIDGE_MM = 8.5  # longest bridge that a 3D printer prints without supports
 
 
