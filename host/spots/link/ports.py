@@ -97,7 +97,7 @@ def offered(port: str | None, ability: str) -> Any:
 
 
 def _loaded(entry: EntryPoint | None, scheme: str) -> Any:
-    with suppress(ImportError) if scheme == SIMULATED else nullcontext():
+    with suppress(ModuleNotFoundError) if scheme == SIMULATED else nullcontext():
         if entry is not None:
             return entry.load()
     if scheme == SIMULATED:

@@ -18,9 +18,7 @@ def stored_calibration(
 ) -> Sequence[str] | None:
     """Return the lines of the calibration that a board uses; None if they are unknown.
 
-    They give `Touch.sigma_um` of the next readings. They are unknown, too, if the firmware of the
-    board cannot return its calibration. `info` is the
-    reply to ``hello`` for this strip.
+    They give `Touch.sigma_um` of the next readings. `info` is the strip's reply to ``hello``.
     """
     name = info.get("calibration")
     if name is None:
