@@ -24,7 +24,7 @@ from spots.errors import RequirementError
 from spots.link.frames import Contact, Key, Spectrum, Touch
 from spots.recording.foxglove import schema
 from spots.recording.table import tables
-from spots_net import outlet
+from spots_net import outlet, sending
 from spots_net.publishing import publish, stream
 
 TOUCH = Touch(0, 7, 5000, 9, 1 << 20, 3 << 20, 42_000, 1500, 1.25)
@@ -157,10 +157,10 @@ def test_foxglove_lists_topics_and_receives_everything_in_order(board):
 
 
 def test_an_unknown_value_is_left_out():
-    row = outlet.row(UNTOUCHED, 0.0, 0.0, [])
+    row = sending.row(UNTOUCHED, 0.0, 0.0, [])
     assert "position_um" not in row
     assert row["known"] is False
-    assert outlet.row(TOUCH, 0.0, 0.0, [])["position_um"] == 42_000
+    assert sending.row(TOUCH, 0.0, 0.0, [])["position_um"] == 42_000
 
 
 @pytest.mark.parametrize(

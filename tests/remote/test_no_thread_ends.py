@@ -34,6 +34,7 @@ from spots_net.zenoh_link import ZenohLink
 from spots_sim.person import person
 from spots_sim.strip.scenario import Held, Press
 from spots_web import app as app_module
+from spots_web import recordings as recordings_module
 from spots_web.board_feed import BoardReader
 from spots_web.recordings import Recordings
 from spots_web.serve import Server
@@ -144,7 +145,7 @@ def test_a_list_of_recordings_that_is_asked_for(fault, tmp_path, monkeypatch):
 def test_a_recording_that_is_asked_for(fault, tmp_path, monkeypatch):
     state = PageState()
     recordings = Recordings(tmp_path, state)
-    fault.patch(monkeypatch, Board, "record")
+    fault.patch(monkeypatch, recordings_module, "Recorder")
     reader, _ = reading(open_stand_in, state, queues=[recordings])
     reader.start()
     wait_until(lambda: recordings._attended)

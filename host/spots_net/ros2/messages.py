@@ -60,7 +60,7 @@ def messages(
 
     A touch is a ``reading``. Unless it is untrusted, it is also a ``wrench``, which is zero without
     a touch, and with a touch a ``point``. `kind` is the frame's table in `spots.recording.table`;
-    the values are those of `spots_net.outlet.values`. `error_s` is the largest error of the time
+    the values are those of `spots_net.sending.values`. `error_s` is the largest error of the time
     `utc_s` by the board's clock; NaN or infinite if unknown.
     """
     made = store().types
