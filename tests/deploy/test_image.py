@@ -222,7 +222,7 @@ def test_an_image_has_the_connection_of_each_strip_s_led(stored):
     assert load_part("settings1") == ["led=gpio"]
     assert load_part("layout1") == []
     settings = BoardSettings(SimpleNamespace(LED_MAX_MA=50, STRIP_LED_PIN=6))
-    settings.restore(load_part("settings"))
+    settings.change(load_part("settings"))
     assert (settings.values["led"], settings.values["keys"]) == ("gpio", 1)
 
 
