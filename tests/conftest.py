@@ -44,7 +44,7 @@ PARALLEL = {"bench", "remote", "web"}
 # all numbers of both, and tests/board/test_cpython.py the readings.
 IN_MICROPYTHON = {"bench", "live", "micropython"}
 IN_MICROPYTHON |= {"cli", "common", "deploy", "firmware", "fuzz", "link", "outputs"}
-IN_MICROPYTHON |= {"recording", "terminal"}
+IN_MICROPYTHON |= {"radio", "recording", "terminal"}
 IN_MICROPYTHON |= {"test_determinism.py", "test_dropped_boards.py", "test_fire.py", "test_flash.py"}
 IN_MICROPYTHON |= {"test_keys.py", "test_realtime.py", "test_recovery.py", "test_slow_board.py"}
 IN_MICROPYTHON |= {"test_two_strips.py"}

@@ -182,7 +182,7 @@ def test_the_host_package_names_no_kind_of_port_of_the_packages_beside_it():
     text = text.partition('[project.entry-points."spots.ports"]')[2].partition("[project.")[0]
     ports = re.findall(r'^"?(\w+)[\w.-]*"? = "(\w+)\.[\w.]+:\w+"$', text, re.MULTILINE)
     guests = {scheme for scheme, package in ports if package in {*OURS} - {"spots"}}
-    assert guests == {"virtual", "zenoh"}
+    assert guests == {"ble", "virtual", "zenoh"}
     named = re.compile(rf"\b({'|'.join(guests)})\b")
     found = {
         (path.relative_to(HOST / "spots").as_posix(), node.value)

@@ -23,10 +23,18 @@ BUSY = 0x42  # processor time in us, 3 bytes; simulated time only; gets no answe
 HOST = 0x55  # 0, 0, 0; fails unless a USB host is connected and awake
 LIGHT = 0x4F  # level of the pin that switches the strip's LED (bus), 0, 0
 HEAT = 0x54  # (bus), 0, size 2; returns the ADC's reading of the temperature sensor
+BLE = 0x4B  # whether the text is complete, size of its part, 0: a call of the Bluetooth stack
+BLE_ANSWER = 0x41  # 0, 0, size: a part of the answer, which ends with a newline; spaces fill it
 
 SECOND_BUS = 0x80
-SENDS = (WRITE, HID)  # requests with data; the second argument is its size
-READS = (READ, RECEIVE, LINES, HEAT)  # answers with data; the third argument is its size
+SENDS = (WRITE, HID, BLE)  # requests with data; the second argument is its size
+READS = (
+    READ,
+    RECEIVE,
+    LINES,
+    HEAT,
+    BLE_ANSWER,
+)  # answers with data; the third argument is its size
 
 PERIOD_US = 1 << 30  # period of the clock
 EAGAIN = 11  # answer to HID: the endpoint is full

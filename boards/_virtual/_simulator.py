@@ -29,6 +29,7 @@ _memory_every = int(os.getenv("SPOTS_MEMORY_EVERY"))
 _looks = 0  # calls of `_report_memory`
 _busy_us = 0  # processor time that the simulator does not know yet
 now_us = 0
+radio = None  # called when the firmware sleeps, if its radio is on
 waiting = None  # called when the firmware looks at the clock, if a USB report waits
 
 
@@ -68,6 +69,8 @@ def sda(bus=0):
 
 def sleep_us(us):
     """Sleep for `us` microseconds, in real or in simulated time."""
+    if radio:
+        radio()
     if not simulated_time:
         utime.sleep_us(us)
         return

@@ -104,7 +104,7 @@ NO_EFFECT = {
     "monitor --scenario=quiet --port /dev/nope": "add --port virtual",
     "record a.spots --seed 1": "add --port virtual",
     "monitor --zenoh-config a.json5": "add --port zenoh:ID",
-    "monitor --wait --port virtual": "give a serial port or zenoh:ID",
+    "monitor --wait --port virtual": "give a serial port or ble:NAME or zenoh:ID",
     "calibrate --seed 1": "add --port virtual",
     "calibrate joint --channels F1,F2,F3,F4,F5,F6": "the session has these settings already",
     "calibrate strain --strain-percent 5 --keep-settings": "the session has these settings already",
@@ -148,12 +148,15 @@ READ_ONLY = ["recording:a.spots", "zenoh:abc"]
 )
 def test_a_command_that_changes_a_board_takes_no_board_that_cannot_change(line, port, capsys):
     error = refused(capsys, f"{line} --port {port}")
-    assert f"this command cannot use '{port}': give a serial port or 'virtual'" in error
+    assert f"this command cannot use '{port}': give a serial port or ble:NAME or 'virtual'" in error
 
 
 def test_a_recording_is_not_recorded_again(capsys):
     error = refused(capsys, "record b.spots --port recording:a.spots")
-    assert "cannot use 'recording:a.spots': give a serial port or 'virtual' or zenoh:ID" in error
+    assert (
+        "cannot use 'recording:a.spots': give a serial port or ble:NAME, 'virtual' or zenoh:ID"
+        in error
+    )
 
 
 @pytest.mark.parametrize("line", ["record a.spots", "calibrate", "publish", "keyboard --dry-run"])

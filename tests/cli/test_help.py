@@ -28,7 +28,7 @@ def test_the_list_of_commands_is_by_purpose(capsys):
     assert code == 0
     blocks = [block.partition(":\n") for block in text.split("\n\n")]
     lists = {title: NAME.findall(rest) for title, _, rest in blocks}
-    assert {"ports", "flash", "doctor", "calibrate"} <= set(lists["set up a board"])
+    assert {"ports", "flash", "doctor", "calibrate", "radio"} <= set(lists["set up a board"])
     assert {"monitor", "command"} <= set(lists["look at a board"])
     assert {"keyboard", "controller"} <= set(lists["use a strip"])
     assert {"record", "replay"} <= set(lists["record and replay"])

@@ -83,6 +83,7 @@ PROMISES = {
     ),
     "moulds": (["python", "-c", "import spots_make.mould as m; print(m.require())"], "None"),
     "web": (["python", "-c", "import spots_web.app"], ""),
+    "ble": (["python", "-c", "import spots_ble.ble_link"], ""),
     "zenoh": (["spots", "subscribe", "--seconds", "0.1"], ""),
     "foxglove": (["spots", "publish", *READ, "foxglove=127.0.0.1:0"], ""),
     "lsl": (["spots", "publish", *READ, "lsl"], ""),
@@ -117,7 +118,9 @@ def test_the_demo_runs_with_any_one_extra(extra, environment, tmp_path):
 def test_only_modules_that_are_imported_on_demand_need_an_extra(environment, tmp_path):
     needing = run(environment(), tmp_path, "python", "-c", IMPORTS_ALL).split()
     assert {"spots_net.optional", "spots_web.app", "spots_web.serve"} <= {*needing}
-    assert [one for one in needing if not one.startswith(("spots_net.", "spots_web."))] == []
+    assert [
+        one for one in needing if not one.startswith(("spots_ble.", "spots_net.", "spots_web."))
+    ] == []
 
 
 BOARD = ("--port", "virtual", "--seconds", "0.5")
@@ -144,6 +147,7 @@ BARE = {
     "monitor": (0, ["--port", "recording:a.spots"], " s  "),
     "ports": (0, [], "plug a board in"),
     "publish": (2, BOARD, "[zenoh]"),
+    "radio": (2, ["list", "--port", "/dev/none"], "/dev/none"),
     "recalibrate": (2, ["a.spots", "--calibration", "none.toml"], "none.toml"),
     "record": (0, ["b.spots", *BOARD], "b.spots"),
     "replay": (0, ["a.spots"], " s  "),

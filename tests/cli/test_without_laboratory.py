@@ -74,7 +74,7 @@ def test_no_help_names_what_is_simulated(spots):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("monitor",), "or give recording:FILE or zenoh:ID as the port"),
+        (("monitor",), "or give ble:NAME, recording:FILE or zenoh:ID as the port"),
         (("monitor", "--port", "virtual"), "port 'virtual' needs the simulator"),
         (("twin",), "port 'virtual' needs the simulator"),
     ],

@@ -313,10 +313,10 @@ def test_the_longest_reply_fits_a_frame():
     app = with_longest_settings(Board(calibration=LINES).app)
     app.outputs.layout_lines = default_lines()
     app.board.store.fault = "é" * 30
-    app.unused = ['"' * 30, "\\" * 20, "\n" * 150]
+    app.unused = ['"' * 30, "\\" * 20, "\n" * 134]
     app.board.interfaces.fault = "this board has no room"
     reply = app.identity()
-    assert sum(map(len, reply["boot"])) == 240
+    assert sum(map(len, reply["boot"])) == 224
     assert reply["boot"][-1] == "this board"
     reply.update(re="hello", protocol=10, firmware="10.10.10", sensor=1, sensors=2)
     reply.update(board="virtual_circuitpython", runtime="circuitpython 10.10.10", id="f" * 34)

@@ -41,7 +41,7 @@ def test_the_exposure_becomes_what_the_chip_can_do():
         ("channels=F1,F2,F3,F4,F5,F9", "F9"),
         (
             "colour=red",
-            "use one of average, .*led_mA, mains_hz, strain_ppm, watchdog, led, channels",
+            "use one of average, .*led_mA, mains_hz, strain_ppm, watchdog, led, radio, channels",
         ),
         ("", "use one of"),
         ("led=torch", "ldr, gpio, always"),

@@ -64,6 +64,8 @@ class Board:
         must not allocate.
     usb : object, optional
         USB stack, see `interfaces.Interfaces`. None on a board that cannot be a USB keyboard.
+    attach : callable, optional
+        `radio.start.attach` on a board that has a radio.
 
     Attributes
     ----------
@@ -71,6 +73,8 @@ class Board:
         Count of sensors on the board.
     strips : tuple of strip_app.StripApp
         The strips.
+    radio : radio.wireless.Wireless or None
+        The radio, if the setting ``radio`` has switched it on.
     current : strip_app.StripApp
         The strip whose sample the loop waits for, or processes.
     searches : bool
@@ -98,12 +102,11 @@ class Board:
     _lit = 0
     report_us = 1_000  # USB takes a report each millisecond
 
-    def __init__(self, config, runtime, uid, open_sensor, clock, serial, usb=None):
+    def __init__(self, config, runtime, uid, open_sensor, clock, serial, usb=None, attach=None):
         self.name = config.NAME
         self.runtime = runtime
         self.uid = uid
         self.clock = clock
-        self._read = serial.read
         self.ticks_us = clock.ticks_us
         self._ticks_diff = clock.ticks_diff
         self.sleep_us = clock.sleep_us
@@ -114,8 +117,12 @@ class Board:
         self.interrupt_at = _nothing
         self._answered = 0
         self._slice_us = _SLICE_US
-        self.framer = Framer(serial, self.time)
         self.store = Store()
+        self.radio = None
+        if attach:
+            serial, usb = attach(self, serial, usb)
+        self._read = serial.read
+        self.framer = Framer(serial, self.time)
         self.interfaces = Interfaces(usb, self.time)
         several = getattr(config, "SENSORS", None)
         self.sensors = len(several or (config,))
@@ -133,6 +140,8 @@ class Board:
             wanted += strip.outputs.wanted()
         # The host reads the USB descriptors once, so the interfaces cannot change later.
         self.interfaces.open(wanted)
+        if self.radio is not None:
+            self.radio.start()
         self._commands = Commands(self)
         self.boot_faults = []
         for strip in self.strips:
@@ -166,10 +175,7 @@ class Board:
         try:
             if self._end is None:
                 self._end = clock.ticks_add(clock.ticks_us(), _LAST_US)
-            for strip in self.strips:
-                strip.release_keys()
-                strip.outputs.pump()
-            self.interfaces.release()
+            self.release_keys()
             while not self.interfaces.pump():
                 if clock.ticks_diff(self._end, clock.ticks_us()) <= 0:
                     break
@@ -177,7 +183,16 @@ class Board:
         finally:
             for strip in self.strips:
                 strip.strip.stop()
+            if self.radio is not None:
+                self.radio.close()
         self._left = True
+
+    def release_keys(self):
+        """Release the keys of all strips, and what a host may see."""
+        for strip in self.strips:
+            strip.release_keys()
+            strip.outputs.pump()
+        self.interfaces.release()
 
     def step(self, once=True):
         """Run one pass of the loop, or with `once` false all passes until ``reboot`` or an error.
@@ -199,6 +214,8 @@ class Board:
     def _pass(self):
         if self.feed is not None:
             self.feed()
+        if self.radio is not None:
+            self.radio.work()
         if self.searches:
             self._search()  # before a command: the first `hello` reports the calibration
         byte = self._read()

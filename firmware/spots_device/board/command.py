@@ -227,7 +227,7 @@ class Commands:
       get                 settings, dark frame, faults, counters of missed samples
       set NAME=VALUE ...  exposure_us, gain, led_mA, average, channels,
                           strain_ppm, dark_every, mains_hz, keys, gamepad, watchdog,
-                          led
+                          led, radio
       set keys=1          touches press keys; with 'set gamepad=1', they move a gamepad
       autoexpose          find gain and LED current while you press firmly
       dark                take a dark frame; if led=always, unplug the LED, then send
@@ -238,6 +238,7 @@ class Commands:
                           returns the stored lines from line N on
       save                store settings, layout and calibration
       sync                the board's time, and the kinds of frames that it streams
+      radio ORDER         hosts by radio: list, pair, forget ADDRESS
       reboot              restart the firmware
       ... sensor=N        the command is for strip N, counted from 0
 
@@ -274,6 +275,8 @@ class Commands:
                 if name in LIMITS:
                     text = "'%s' is a setting: send 'set %s=VALUE'" % (name, name)
                 raise ValueError(text, "no_command")
+            if self._board.radio and self._board.radio.refuses(name, words):
+                raise ValueError("this command goes by USB only", "by_usb_only")
             reply = self._TABLE[name](self, strip, words)
         except (ValueError, OSError) as error:
             if isinstance(error, OSError):
@@ -381,6 +384,11 @@ class Commands:
     def _upload(self, strip, words):
         return strip.uploads[words[0]].take(words[1:])
 
+    def _radio(self, strip, words):
+        if self._board.radio is None:
+            raise ValueError("the radio is off: 'set radio=both', 'save', 'reboot'", "no_radio")
+        return self._board.radio.order(words[1:])
+
     # Each function gets a strip and all words of the line, including the name of the command.
     _TABLE = {
         "hello": _hello,
@@ -395,4 +403,5 @@ class Commands:
         "save": _save,
         "sync": _sync,
         "reboot": _reboot,
+        "radio": _radio,
     }

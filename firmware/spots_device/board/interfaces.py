@@ -115,6 +115,13 @@ class Interfaces:
         for output in self.opened:
             output.release()
 
+    def is_down(self):
+        """Return whether the last accepted report of an interface contains a pressed key."""
+        for output in self.opened:  # noqa: SIM110
+            if output.outbox.is_down:
+                return True
+        return False
+
     def dropped(self):
         """Return the number of reports that were never sent."""
         dropped = 0

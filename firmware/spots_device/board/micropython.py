@@ -65,6 +65,13 @@ class MachineUsb:
 
         return open_interfaces(names, self.show_leds)
 
+    @property
+    def connected(self):
+        """Whether a computer uses the interfaces."""
+        from ..keys.usb_micropython import connected
+
+        return connected()
+
     def show_leds(self, leds):
         if self.led is not None:
             self.led.value(self._on if leds & CAPS_LOCK else 1 - self._on)
@@ -91,7 +98,10 @@ def main():
     usb = MachineUsb(board_config) if board_config.USB_HID else None
     from .app import Board
 
-    app = Board(board_config, runtime, uid, _open_sensor, time, StdioSerial(), usb)
+    attach = None
+    if getattr(board_config, "BLUETOOTH", False):
+        from ..radio.start import attach
+    app = Board(board_config, runtime, uid, _open_sensor, time, StdioSerial(), usb, attach)
     if usb and usb.led is not None:
         app.signal = usb.show_leds
         if app.boot_faults:

@@ -18,6 +18,8 @@ from ..sensor.exposure import (
 )
 from ..sensor.smux import smux_map
 
+# Values of the setting ``radio``: what goes by Bluetooth LE.
+RADIO = ("off", "hid", "data", "both")
 DEFAULT_CHANNELS = ("F3", "F4", "F5", "F6", "F7", "F8")
 
 # Name of a setting: minimum, maximum, default.
@@ -41,6 +43,7 @@ _AFTER_THE_SENSOR = (
     "keys",
     "gamepad",
     "watchdog",
+    "radio",
 )
 
 
@@ -70,6 +73,7 @@ class BoardSettings:
         self.values["channels"] = DEFAULT_CHANNELS
         self.values["dark"] = []
         self.values["led"] = "ldr"
+        self.values["radio"] = RADIO[0]
         self._led = getattr(board, "STRIP_LED", "ldr")
         if self._led != "ldr":
             self.change(["led=" + self._led])
@@ -101,6 +105,12 @@ class BoardSettings:
             if name == "channels":
                 checked[name] = tuple(text.split(","))
                 smux_map(checked[name])
+            elif name == "radio":
+                if text not in RADIO:
+                    raise ValueError("radio must be one of " + ", ".join(RADIO))
+                if text != RADIO[0] and not getattr(self._board, "BLUETOOTH", False):
+                    raise ValueError("this board has no radio that can bond", "no_radio")
+                checked[name] = text
             elif name == "led" or name == "dark":
                 checked[name] = text
             elif name in LIMITS:
@@ -108,7 +118,7 @@ class BoardSettings:
             else:
                 raise ValueError(
                     "no setting is called '%s'; use one of %s"
-                    % (name, ", ".join(sorted(LIMITS) + ["led", "channels"]))
+                    % (name, ", ".join(sorted(LIMITS) + ["led", "radio", "channels"]))
                 )
         mains_hz = checked.get("mains_hz", self.values["mains_hz"])
         if mains_hz not in (0, 50, 60):
@@ -143,6 +153,8 @@ class BoardSettings:
         lines.append("channels=" + ",".join(values["channels"]))
         if values["led"] != self._led:
             lines.append("led=" + values["led"])
+        if values["radio"] != RADIO[0]:
+            lines.append("radio=" + values["radio"])
         if values["dark"]:
             lines.append("dark=" + ",".join(map(str, values["dark"])))
         return lines

@@ -15,7 +15,7 @@ from .outputs import Outputs, check_layout
 from .reconnect import Reconnect
 from .settings import BoardSettings, checksum
 
-_BOOT_MAX = const(240)  # characters of all faults at the start, so that the reply fits a frame
+_BOOT_MAX = const(224)  # characters of all faults at the start, so that the reply fits a frame
 
 
 class StripApp:
@@ -221,14 +221,17 @@ class StripApp:
         return reply
 
     def boot_faults(self):
-        """Return what went wrong at the start: sentences of 240 ASCII characters in total (list).
+        """Return what went wrong at the start: sentences of 224 ASCII characters in total (list).
 
         Nobody reads the log at the start, so the reply to ``hello`` contains these sentences. A
         save makes those about stored files obsolete.
         """
         left = _BOOT_MAX
         faults = []
-        for fault in [self.board.store.fault] + self.unused + [self.board.interfaces.fault]:
+        found = [self.board.store.fault] + self.unused + [self.board.interfaces.fault]
+        if self.board.radio is not None:
+            found.append(self.board.radio.fault)
+        for fault in found:
             if fault and left:
                 # In JSON, other characters need more than one byte.
                 fault = "".join([c if " " <= c <= "~" and c not in '"\\' else "?" for c in fault])

@@ -68,7 +68,8 @@ class Outbox:
     A full queue refuses reports, and the engine of the keys waits. After `release`, one report
     without pressed keys is sent if the host may see a pressed key. ``send(report)`` offers `size`
     bytes to the USB stack without waiting, and returns whether the stack accepted them; ``ticks()``
-    is that of `frame.Time32`. `dropped` counts reports that were never sent.
+    is that of `frame.Time32`. `dropped` counts reports that were never sent;
+    `is_down` is whether the last report that USB has accepted contains a pressed key.
     """
 
     def __init__(self, send, ticks, size=REPORT_SIZE):
@@ -79,7 +80,7 @@ class Outbox:
         self._since = array("i", bytes(4 * WAITING_MAX))  # ticks of each report's `put`
         self._first = self.count = 0
         # Set before a report is sent, so that an exception during the call cannot hide a key press.
-        self._maybe_down = False
+        self._maybe_down = self.is_down = False
         self.dropped = 0
 
     def newest(self):
@@ -145,7 +146,7 @@ class Outbox:
             if self._send(report):
                 self._first = (self._first + 1) % WAITING_MAX
                 self.count -= 1
-                self._maybe_down = down
+                self._maybe_down = self.is_down = down
         return self.count == 0
 
     def _append(self, report):

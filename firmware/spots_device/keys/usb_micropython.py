@@ -83,6 +83,7 @@ class _Interface:
         self._idle = bytearray(1)  # stored for the host only: an unchanged report is not repeated
         self._protocol = bytearray(_REPORT_PROTOCOL)
         self._offered = ticks_add(ticks_us(), -_AWAKE_US)
+        self._since = self._offered  # of the report that the stack has
         self._hid = struct.pack("<BBHBBBH", 9, _HID, 0x0111, 0, 1, _REPORT, len(self._descriptor))
         self.descriptors = (
             bytes((9, 4, number, 0, 1, 3, 1 if boot else 0, boot, 0))
@@ -150,6 +151,12 @@ class _Interface:
         for i in range(self.state_size, len(self._report)):
             self._report[i] = 0
 
+    def is_there(self):
+        """Return whether a host uses this interface: it has fetched the last report, or may yet."""
+        return self.is_open and not (
+            self.is_busy and ticks_diff(ticks_us(), self._since) > _AWAKE_US
+        )
+
     def _is_host_awake(self, began):
         if 0 <= ticks_diff(began, self._offered) < _AWAKE_US:
             return not self.is_busy
@@ -172,7 +179,7 @@ class _Interface:
             self._device.remote_wakeup()
 
     def _offer(self):
-        self._offered = ticks_us()
+        self._offered = self._since = ticks_us()
         self.is_busy = True  # first: the host may have the report before the call returns
         try:
             if self._device.submit_xfer(self.endpoint, self._report):
@@ -181,6 +188,17 @@ class _Interface:
             pass
         self.is_busy = False
         return False
+
+
+_open = []  # the interfaces of this board
+
+
+def connected():
+    """Return whether a computer uses the open interfaces."""
+    for one in _open:
+        if not one.is_there():
+            return False
+    return bool(_open)
 
 
 class _Callbacks:
@@ -259,4 +277,5 @@ def open_interfaces(names, show_leds):
         callbacks.transferred,
     )
     device.active(True)
+    _open.extend(interfaces)
     return {name: one.send for name, one in zip(names, interfaces)}

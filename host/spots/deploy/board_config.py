@@ -26,6 +26,7 @@ class _Config(toml.Strict, kw_only=True):
     STRIP_LED: str = "ldr"
     STRIP_LED_PIN: _Pin | None = None
     USB_HID: bool
+    BLUETOOTH: bool = False
     USB_HID_MAX: Annotated[int, msgspec.Meta(ge=1, le=8)] | None = None
     LED_PIN: _Pin | None = None
     LED_ON: Literal[0, 1] | None = None

@@ -44,6 +44,7 @@ STRIPS_MAX = 4
 # MicroPython's viper compiles them to machine code. A board gets one of the two modules, under the
 # name without the suffix.
 VIPER = "_viper"
+_RADIO = "radio"  # room of the firmware that needs a runtime with bonding
 
 
 # Architectures by their number in the header of an .mpy file (MicroPython, py/persistentcode.h).
@@ -171,6 +172,7 @@ def stage(board: str, folder: Path, strips: int = 1) -> None:
             f"*{others}.py",
             *([] if device.viper else [f"*{VIPER}.py"]),
             *([] if strips > 1 else _SEVERAL),
+            *([] if device.device.get("BLUETOOTH") else [_RADIO]),
             *([] if any("MUX_CHANNEL" in one for one in sensors) else [_MULTIPLEXER]),
         ),
         dirs_exist_ok=True,

@@ -43,6 +43,8 @@ REASONS = {
     "canceled": "the command ended early, because the sensor or the board restarted",
     "no_memory": "too little memory is left on the board, or its reply is too long",
     "no_flash": "the flash of the board cannot be written",
+    "no_radio": "the radio is off, or the board has none",
+    "by_usb_only": "the command changes who may listen by radio, so it must come by USB",
     "no_bus": "the sensor or another device of the board does not answer",
     "too_dark": "the search for settings found too little light",
     "too_bright": "the search for settings found too much light",

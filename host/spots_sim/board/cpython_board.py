@@ -30,6 +30,7 @@ from spots_device.runtime.common import ADDRESS, free_bus, rp2_mC
 
 from ..chip.bus import I2CBus
 from . import thermometer
+from .bluetooth import Bluetooth
 from .cpu import Cpu
 from .faults import BoardFaults, FaultyBus
 from .protocol import protocol
@@ -39,7 +40,7 @@ _TICKS = protocol.PERIOD_US
 _slow_down = runpy.run_path(str(BOARDS / "_virtual" / "_cpu.py"))["slow_down"]
 # Modules that only MicroPython or CircuitPython can import.
 _OTHERS = VIPER, "circuitpython", "micropython"
-_MODULES = "board.app", "sensor.as7341"
+_MODULES = "board.app", "sensor.as7341", "radio.start"
 
 _numbers = itertools.count()
 
@@ -70,7 +71,7 @@ class CPythonBoard:
 
     Each board has its own file system and its own copy of the firmware's modules. `board_id` is
     hexadecimal. Without `folder`, the file system is a temporary folder, which `close` removes.
-    `second` is the bus of a second strip.
+    `second` is the bus of a second strip. `bluetooth` is the radio of the board.
     """
 
     def __init__(
@@ -83,6 +84,7 @@ class CPythonBoard:
         folder: Path | None = None,
         cpu: Cpu | None = None,
         second: I2CBus | FaultyBus | None = None,
+        bluetooth: Bluetooth | None = None,
     ):
         self._own = contextlib.ExitStack()
         self._folder = folder or self._own.enter_context(atomic.temporary())
@@ -90,7 +92,7 @@ class CPythonBoard:
         self._config = SimpleNamespace(**device_of("virtual", 2 if second else 1).device)
         self._id, self._usb = board_id, usb
         self._port = port
-        self._cpu = cpu
+        self._cpu, self._bluetooth = cpu, bluetooth
         self._requests = _Requests(bus, faults)
         self._package = ""
         try:
@@ -110,6 +112,8 @@ class CPythonBoard:
 
     def step(self) -> None:
         """Run one pass of the firmware's loop; after a reset, crash or power loss, boot again."""
+        if self._bluetooth:
+            self._bluetooth.settle(1e-6 * self.bus.clock.now_us())
         try:
             if self._app.reboot:
                 self._app.run()  # ends immediately, and cleanly
@@ -159,7 +163,11 @@ class CPythonBoard:
             clock,
             _Serial(self._port),
             _UsbDevice(clock, self._usb),
+            self._bluetooth and partial(self._attach, modules["radio.start"].attach),
         )
+
+    def _attach(self, attach, *parts):
+        return attach(*parts, self._bluetooth.module())
 
     def _unload(self) -> None:
         for name in [name for name in sys.modules if name.partition(".")[0] == self._package]:
@@ -322,6 +330,10 @@ class _UsbDevice:
     def __init__(self, requests: _Requests, host: UsbHost):
         self._ask, self._host = requests.ask, host
 
+    @property
+    def connected(self) -> bool:
+        return self._host.plugged
+
     def open(self, names) -> dict:
         return {name: partial(self._send, index) for index, name in enumerate(names)}
 
@@ -345,14 +357,22 @@ class InProcessBoard(CPythonBoard):
     _ROOM = 1 << 16  # size of the buffer for each direction, in bytes
 
     def __init__(
-        self, board_id: str, bus, usb: UsbHost, faults=None, folder=None, cpu=None, second=None
+        self,
+        board_id: str,
+        bus,
+        usb: UsbHost,
+        faults=None,
+        folder=None,
+        cpu=None,
+        second=None,
+        bluetooth=None,
     ):
         self._to_board, self._to_host = bytearray(), bytearray()
         port = SimpleNamespace(
             receive=lambda: _take(self._to_board),
             send=lambda data: _put(self._to_host, data, self._ROOM),
         )
-        super().__init__(board_id, bus, usb, port, faults, folder, cpu, second)
+        super().__init__(board_id, bus, usb, port, faults, folder, cpu, second, bluetooth)
 
     def received(self) -> bytes:
         """Return all bytes that the board has sent since the last call."""

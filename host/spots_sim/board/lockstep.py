@@ -13,6 +13,7 @@ from spots.link.serial_link import WRITE_TIMEOUT_S, takes_nothing
 from ..chip.bus import I2CBus, SimulatedClock
 from ..strip.files import SensorFile
 from ..strip.world import chip
+from .bluetooth import Air, Bluetooth
 from .cpu import load as load_cpu
 from .cpython_board import InProcessBoard
 from .faults import BoardFaults, Faults, FaultyBus
@@ -38,7 +39,8 @@ class LockstepLink:
     see `cpu.load`. By default, only transfers and sleeps take time.
 
     `second` is the scenario and the seed of a second strip, with the same sensor file. `number` is
-    that of `identity.board_id`. `usb` is the computer that gets the board's USB reports.
+    that of `identity.board_id`. `usb` is the computer that gets the board's USB reports. With
+    `air`, the board has a radio, `bluetooth`.
     """
 
     name = "virtual"
@@ -57,6 +59,7 @@ class LockstepLink:
         cpu: str | None = None,
         second: tuple | None = None,
         number: int = 0,
+        air: Air | None = None,
     ):
         slow = load_cpu(cpu, board) if cpu else None
         self.clock = SimulatedClock(1e6 * started_s)
@@ -68,12 +71,13 @@ class LockstepLink:
         board_faults = BoardFaults(faults) if faults else None
         self.usb = UsbHost()
         other = I2CBus(chip(sensor, *second, warm), self.clock, call_us=call_us) if second else None
+        self.bluetooth = Bluetooth(air) if air else None
         parts = board_id(sensor, number), bus, self.usb, board_faults, folder
         self._is_open = True
         self._board = (
-            InProcessBoard(*parts, slow, other)
+            InProcessBoard(*parts, slow, other, self.bluetooth)
             if is_cpython(board)
-            else PipedBoard(*parts, board, busy_us, slow, other)
+            else PipedBoard(*parts, board, busy_us, slow, other, self.bluetooth)
         )
 
     @property
@@ -116,6 +120,10 @@ class LockstepLink:
             if received or self.clock.now_us() >= horizon_us:
                 return received
             self._board.step()
+
+    def run_once(self) -> None:
+        """Run one step of the board, which keeps the data that it sends."""
+        self._board.step()
 
     def sleep(self, duration_s: float) -> None:
         """Run the board for `duration_s` seconds, and discard the data that the board sends."""

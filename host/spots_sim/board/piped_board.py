@@ -17,6 +17,7 @@ from spots.errors import PortError
 
 from ..chip.bus import I2CBus
 from . import server
+from .bluetooth import Bluetooth
 from .cpu import Cpu
 from .faults import BoardFaults, FaultyBus
 from .usb import UsbHost
@@ -31,7 +32,7 @@ class PipedBoard:
 
     `busy_us` is as in `lockstep.LockstepLink`; it can be set to a function only if it was a
     function at the start. `free_bytes` of the heap is None until the board has reported it.
-    `second` is the bus of a second strip.
+    `second` is the bus of a second strip, `bluetooth` the radio.
     """
 
     def __init__(
@@ -45,10 +46,11 @@ class PipedBoard:
         busy_us: Callable[[int], float] | float | None,
         cpu: Cpu | None = None,
         second: I2CBus | FaultyBus | None = None,
+        bluetooth: Bluetooth | None = None,
     ):
         self.bus, self._usb, self._faults = bus, usb, faults
         self._rate = faults.rate if faults else 1.0
-        self.second = second
+        self.second, self._bluetooth = second, bluetooth
         self.busy_us = busy_us
         self.free_bytes: int | None = None
         board_in, self._to_board = os.pipe()
@@ -110,7 +112,14 @@ class PipedBoard:
                 after_us = passes[1] * lasted_us
             answers = self._machine.answers
             server.answer(
-                self._pending, self.bus, self._usb, answers, self._rate, self.second, after_us
+                self._pending,
+                self.bus,
+                self._usb,
+                answers,
+                self._rate,
+                self.second,
+                after_us,
+                self._bluetooth,
             )
         else:
             self._brown_out(off_us)

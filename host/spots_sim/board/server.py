@@ -6,6 +6,7 @@ The board sends a request for each I2C transfer, sleep, USB report and change of
 
 from __future__ import annotations
 
+import errno
 import os
 import struct
 
@@ -13,6 +14,7 @@ from spots.errors import PortError
 
 from ..chip.bus import I2CBus
 from . import thermometer
+from .bluetooth import Bluetooth
 from .protocol import protocol
 from .usb import UsbHost
 
@@ -82,6 +84,12 @@ def _number(request: bytes) -> int:
     return int.from_bytes(request[1:4], "little")
 
 
+def _of(bluetooth: Bluetooth | None) -> Bluetooth:
+    if bluetooth is None:
+        raise OSError(errno.ENODEV, "no air, so no radio")
+    return bluetooth
+
+
 def answer(
     request: bytes,
     bus: I2CBus,
@@ -90,12 +98,14 @@ def answer(
     rate: float = 1.0,
     second: I2CBus | None = None,
     after_us: float = 0.0,
+    bluetooth: Bluetooth | None = None,
 ) -> None:
     """Execute a request of a board and write its answer to `fd`.
 
     `rate` is the number of seconds that the board's clock counts in one true second. `after_us` is
-    the processor time after a transfer that reads registers. `second` is the bus of a second strip.
-    PortError if the pipe is full, because the board does not read its answers.
+    the processor time after a transfer that reads registers. `second` is the bus of a second strip,
+    and `bluetooth` the radio. PortError if the pipe is full, because the board does not read its
+    answers.
     """
     data, error = b"", 0
     operation, a, b, c = request[:4]
@@ -122,6 +132,12 @@ def answer(
                 data = thermometer.read_u16(bus).to_bytes(c, "little")
             case protocol.HID:
                 usb.offer(a, request[4:])
+            case protocol.BLE:
+                radio = _of(bluetooth)
+                radio.settle(1e-6 * bus.clock.now_us())
+                radio.call(request[4:], bool(a))
+            case protocol.BLE_ANSWER:
+                data = _of(bluetooth).answer(c)
             case protocol.HOST:
                 usb.look()
             case protocol.WRITE:

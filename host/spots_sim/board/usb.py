@@ -19,9 +19,20 @@ class UsbHost:
 
     def __init__(self):
         self.reports = []
+        self._plugged = True
         self._last = {}
         self._waiting = {}
         self._asks = True
+
+    @property
+    def plugged(self) -> bool:
+        """Whether the cable is in; a report that waits is lost when it is plugged in again."""
+        return self._plugged
+
+    @plugged.setter
+    def plugged(self, plugged: bool) -> None:
+        self._plugged = plugged
+        self._waiting.clear()
 
     @property
     def asks(self) -> bool:
@@ -48,7 +59,7 @@ class UsbHost:
         """
         if interface in self._waiting:
             raise OSError(protocol.EAGAIN, "the endpoint is full")
-        if report and self._asks:
+        if report and self._asks and self._plugged:
             self._receive(interface, report)
         elif report:
             self._waiting[interface] = report

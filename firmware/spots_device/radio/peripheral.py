@@ -1,0 +1,321 @@
+"""The board as a Bluetooth LE peripheral: one host, bonded, gets keys and frames.
+
+What a strip says is what somebody types. So nothing is sent to a connection before it is encrypted
+by the keys of a bond, and a bond is made only in the minute after `Radio.pair`.
+
+The stack calls the event handler from a task of its own, between any two bytecodes: it stores
+numbers in an array, and secrets in `bonds.Bonds`. The loop does the rest in `Radio.work`.
+"""
+
+import os
+from array import array
+
+from .. import const
+from . import services
+from .bonds import HOSTS_MAX, Bonds
+
+_CONNECTED, _DISCONNECTED, _WRITTEN = const(1), const(2), const(3)
+_MTU_CHANGED, _ENCRYPTED, _GET_SECRET, _SET_SECRET = const(21), const(28), const(29), const(30)
+_PASSKEY = const(31)
+_SHOW = const(3)  # action of a passkey: this device shows it
+
+# Numbers in the handler's array.
+_CONN = const(0)  # handle of the connection, or -1
+_COUNT = const(1)  # connections since the start
+_SAFE = const(2)  # whether it is encrypted: 1, or `_PROTECTED`
+_MTU = const(3)  # bytes of a notification and three
+_ASKED = const(4)  # whether the stack wants the passkey
+_LEDS = const(5)  # whether the host wrote for the keyboard, mouse, or serial port
+_MULTIPLIERS = const(6)
+_DATA = const(7)
+
+_PROTECTED = const(2)  # encrypted by keys that a passkey protected
+
+_LEAST_MTU = const(23)
+_MTU_WANTED = const(247)
+_HEADER = const(3)  # bytes of a notification before its data
+_ADVERTISED_US = const(30_000)  # between two advertisements
+_WINDOW_US = const(60_000_000)  # in which a new bond can be made
+_SETTLES_US = const(2_000_000)  # after the first secret of a new bond
+_TRUST_US = const(20_000_000)  # after which a connection without a bond ends
+_FAILED = const(5)  # reason of a disconnection: authentication
+_DIGITS = const(1_000_000)
+_DISPLAY_ONLY = const(0)
+
+
+class Radio:
+    """A host by radio, in place of USB: keys by `open`, a serial port by `write` and `read`.
+
+    Parameters
+    ----------
+    ble : bluetooth.BLE
+        The stack of the runtime, not active yet.
+    uuid : callable
+        ``bluetooth.UUID``.
+    uid : str
+        Unique id of the board; its end is the end of the board's name.
+    use : str
+        ``"hid"``, ``"data"`` or ``"both"``.
+    clock : object
+        ``ticks_us``, ``ticks_add`` and ``ticks_diff`` as in MicroPython's ``time``.
+    lines : list of str
+        Stored bonds.
+    show_leds, set_multipliers : callable
+        Take what the host writes for the keyboard and for the mouse.
+
+    Attributes
+    ----------
+    trusted : bool
+        Whether a bonded host is connected, and the connection is encrypted.
+    listens : bool
+        Whether this host has sent bytes to the serial port, so that it gets frames.
+    dropped : int
+        Number of frames that the radio did not take.
+    opened : bool
+        Whether `open` was called.
+    fault : str or None
+        Why the radio is off although it was opened.
+    """
+
+    def __init__(self, ble, uuid, uid, use, clock, lines, show_leds, set_multipliers):
+        self.name = "SPOTS " + uid[-4:]
+        self.bonds = Bonds(lines)
+        self.trusted = self.listens = False
+        self.dropped = 0
+        self.opened = False
+        self.fault = None
+        self._ble, self._uuid, self._clock = ble, uuid, clock
+        self._use = use
+        self._show_leds, self._set_multipliers = show_leds, set_multipliers
+        self._state = array("i", bytes(4 * (_DATA + 1)))
+        self._state[_CONN] = -1
+        self._number = 0  # of the connection that `work` knows
+        self._since = self._until = None  # ticks: start of the connection, end of the window
+        self._passkey = -1
+        self._received = b""
+        self._at = 0
+        self._handles = None
+
+    def open(self, names):
+        """Start the radio, with HID interfaces if the setting allows.
+
+        Parameters
+        ----------
+        names : list of str
+            Names of interfaces, from `interfaces.INTERFACES`.
+
+        Returns
+        -------
+        dict
+            For the name of each interface, the function ``send(report) -> bool``.
+        """
+        if self._use == "data":
+            names = []
+        ble = self._ble
+        ble.irq(self._handle)
+        self.opened = True
+        try:
+            ble.active(True)
+        except OSError as error:
+            self.fault = "the radio cannot be switched on: %s" % error
+            return {}
+        ble.config(gap_name=self.name, mtu=_MTU_WANTED, bond=True, le_secure=True, mitm=True)
+        ble.config(io=_DISPLAY_ONLY)
+        data = self._use != "hid"
+        self._handles = services.register(ble, self._uuid, names, data)
+        self._payload, self._answer = services.advertisement(self.name, bool(names), data)
+        self._advertise()
+        return {name: _Report(self, self._handles.reports[name]).send for name in names}
+
+    def _handle(self, event, data):
+        # In the stack's task. The buffers in `data` are valid only during the call.
+        s = self._state
+        if event == _GET_SECRET:
+            return self.bonds.get(data[0], data[1], data[2])
+        if event == _SET_SECRET:
+            if data[2] is None:
+                return self.bonds.drop(data[0], data[1])
+            return self.bonds.put(data[0], data[1], data[2])
+        if event == _WRITTEN:
+            if data[1] == self._handles.to_board:
+                s[_DATA] = 1
+            elif data[1] == self._handles.leds:
+                s[_LEDS] = 1
+            else:
+                s[_MULTIPLIERS] = 1
+        elif event == _CONNECTED:
+            s[_CONN] = data[0]
+            s[_COUNT] += 1
+            s[_SAFE] = s[_ASKED] = s[_LEDS] = s[_MULTIPLIERS] = s[_DATA] = 0
+            s[_MTU] = _LEAST_MTU
+            self.bonds.begin()
+        elif event == _DISCONNECTED:
+            self.trusted = self.listens = False
+            s[_CONN] = -1
+        elif event == _MTU_CHANGED:
+            s[_MTU] = data[1]
+        elif event == _ENCRYPTED:
+            s[_SAFE] = (_PROTECTED if data[2] else 1) if data[1] else 0
+        elif event == _PASSKEY and data[1] == _SHOW:
+            s[_ASKED] = 1
+        return None
+
+    def work(self):
+        """Do what the events of the stack ask for; call it in each pass of the loop.
+
+        Returns
+        -------
+        str or None
+            ``"changed"`` if a host has come or gone, so that all keys must be released; ``"bonds"``
+            if the bonds must also be stored.
+        """
+        if self.fault:
+            return None
+        s = self._state
+        now = self._clock.ticks_us()
+        if self._until is not None and self._clock.ticks_diff(self._until, now) <= 0:
+            self._until = None
+        if s[_COUNT] != self._number or (self._since is not None and s[_CONN] < 0):
+            return self._renew(now)
+        if s[_CONN] < 0:
+            return None
+        if s[_ASKED]:
+            s[_ASKED] = 0
+            if self._until is not None:
+                self._ble.gap_passkey(s[_CONN], _SHOW, self._passkey)
+        if not self.trusted or self.bonds.paired:
+            return self._judge(now)
+        if s[_LEDS]:
+            s[_LEDS] = 0
+            self._show_leds(self._ble.gatts_read(self._handles.leds)[0])
+        if s[_MULTIPLIERS]:
+            s[_MULTIPLIERS] = 0
+            self._set_multipliers(self._ble.gatts_read(self._handles.multipliers)[0])
+        return None
+
+    def _renew(self, now):
+        # A connection has begun, or ended, or both.
+        s = self._state
+        self._number = s[_COUNT]
+        self.trusted = self.listens = False
+        self._received, self._at = b"", 0
+        self.bonds.restore()
+        if self._handles.to_board >= 0:
+            self._ble.gatts_read(self._handles.to_board)  # bytes of a host that was not trusted
+        if s[_CONN] < 0:
+            self._since = None
+            self._advertise()
+        else:
+            self._since = now
+        return "changed"
+
+    def _judge(self, now):
+        # Whether this connection is that of a host that may have keys and frames.
+        s = self._state
+        bonds = self.bonds
+        if bonds.paired and s[_SAFE]:
+            if self._until is None or s[_SAFE] < _PROTECTED:
+                self._refuse()
+                return None
+            # The stack stores the secrets of a bond one by one, so the window stays open for more.
+            if not self.trusted:
+                self._until = self._clock.ticks_add(now, _SETTLES_US)
+            bonds.paired = False
+            bonds.keep()
+            self.trusted = True
+            return "bonds"
+        if bonds.served and s[_SAFE]:
+            self.trusted = True
+            return "changed"
+        if self._clock.ticks_diff(now, self._since) > _TRUST_US and self._until is None:
+            self._refuse()
+        return None
+
+    def _refuse(self):
+        self.trusted = self.listens = False
+        self.bonds.restore()
+        self._since = self._clock.ticks_us()  # the next try, if the stack does not hear this one
+        self._ble.gap_disconnect(self._state[_CONN])
+
+    def _advertise(self):
+        self._ble.gap_advertise(_ADVERTISED_US, self._payload, resp_data=self._answer)
+
+    def pair(self):
+        """Let one host bond within 60 s; return the passkey that it must show (int).
+
+        Raises
+        ------
+        ValueError
+            If no more hosts can be bonded.
+        """
+        if len(self.bonds.hosts()) >= HOSTS_MAX:
+            raise ValueError(
+                "%d hosts are bonded, and the radio keeps no more: 'radio forget' one" % HOSTS_MAX
+            )
+        self._passkey = int.from_bytes(os.urandom(3), "little") % _DIGITS
+        self._until = self._clock.ticks_add(self._clock.ticks_us(), _WINDOW_US)
+        return self._passkey
+
+    def forget(self, address):
+        """Delete the bond with a host, and end its connection; return whether there was one."""
+        if not self.bonds.forget(address):
+            return False
+        if self._state[_CONN] >= 0:
+            self._ble.gap_disconnect(self._state[_CONN])
+        return True
+
+    def write(self, buffer, size):
+        """Notify the host of `size` bytes; return whether the stack took all. May allocate."""
+        room = self._state[_MTU] - _HEADER
+        if not self._is_same():
+            return False
+        try:
+            for at in range(0, size, room):
+                part = buffer[at : min(at + room, size)]
+                self._ble.gatts_notify(self._state[_CONN], self._handles.to_host, part)
+            return True
+        except OSError:  # the queue of the stack is full, or the host is gone
+            self.dropped += 1
+            return False
+
+    def read(self):
+        """Return the next byte that a trusted host has written, or -1."""
+        if self._at == len(self._received):
+            if not self._state[_DATA] or not self.trusted:
+                return -1
+            self._state[_DATA] = 0
+            self.listens = True
+            self._at = 0
+            self._received = self._ble.gatts_read(self._handles.to_board)
+            if not self._received:
+                return -1
+        self._at += 1
+        return self._received[self._at - 1]
+
+    def notify(self, handle, report):
+        """Send a report to a trusted host; return whether the stack took it."""
+        if not self._is_same():
+            return False
+        try:
+            self._ble.gatts_notify(self._state[_CONN], handle, report)
+            return True
+        except OSError:
+            return False
+
+    def _is_same(self):
+        # Whether the connection is still that of the trusted host: an event can come at any time.
+        s = self._state
+        return self.trusted and s[_SAFE] and s[_COUNT] == self._number
+
+    def close(self):
+        """Switch the radio off."""
+        self.trusted = self.listens = False
+        self._ble.active(False)
+
+
+class _Report:
+    def __init__(self, radio, handle):
+        self._radio, self._handle = radio, handle
+
+    def send(self, report):
+        return self._radio.notify(self._handle, report)
