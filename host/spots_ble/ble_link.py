@@ -28,10 +28,6 @@ _T = TypeVar("_T")
 _FIND_S = 8.0  # a board advertises 33 times a second, but a host listens only some of the time
 _CONNECT_S = 20.0
 _ANSWER_S = 5.0
-_NO_BOND = (
-    "is not bonded with this computer: connect it by USB, run 'spots radio pair', and pair with "
-    "{name} in the Bluetooth settings of this computer"
-)
 
 
 def open_port(target: str, options: Namespace | None = None) -> Board:
@@ -118,7 +114,10 @@ class BleLink(Link):
         except BleakError as error:
             if not client.is_connected:
                 raise self._gone() from None
-            raise PortError(f"the board {self.name} {_NO_BOND.format(name=self.name)}") from error
+            raise PortError(
+                f"the board {self.name} is not bonded with this computer: connect it by USB, run "
+                "'spots radio pair', and pair with it in the Bluetooth settings of this computer"
+            ) from error
 
     def _check(self) -> None:
         if self._loop.is_closed():
@@ -128,7 +127,8 @@ class BleLink(Link):
 
     def _gone(self) -> PortLostError:
         return PortLostError(
-            f"the board on {self.name} is out of reach, or its radio was switched off"
+            f"the board on {self.name} is out of reach, or its radio is off: bring it nearer, or "
+            "switch it on"
         )
 
     def _wait(self, task: Coroutine[Any, Any, _T], timeout_s: float) -> _T:
@@ -137,7 +137,9 @@ class BleLink(Link):
             return waiting.result(timeout_s)
         except (Late, CancelledError):
             waiting.cancel()
-            raise PortError(f"the board {self.name} does not answer by radio") from None
+            raise PortError(
+                f"the board {self.name} does not answer by radio: bring it nearer"
+            ) from None
 
     def _connect(self) -> None:
         self._lost = False

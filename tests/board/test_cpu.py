@@ -143,7 +143,9 @@ def test_samples_that_commands_and_their_collections_cost_are_counted(
     if exposure_us == 1_000:
         assert missed > 8 * 22_100 / exposure_us
     else:
-        assert missed == 0
+        # A collection may last a sample longer than the FIFO does: that depends on what is in the
+        # heap, such as the digits of the calibration.
+        assert missed <= 1
     # After an overflow, the time of the first sample is known to one exposure.
     overflows = len(commands) if exposure_us == 1_000 else 0
     assert missed + frames - len(commands) - 1 == pytest.approx(samples, abs=4 + overflows)

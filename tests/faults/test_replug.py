@@ -402,7 +402,7 @@ def test_record_waits_for_a_board_at_the_start_and_while_it_is_unplugged(
 @pytest.mark.parametrize(
     ("port", "says"),
     [
-        ("virtual:x", "--wait has no effect here: give a serial port or zenoh:ID"),
+        ("virtual:x", "--wait has no effect here: give a serial port or ble:NAME"),
         ("recording:no such file", "this command cannot use 'recording:no such file'"),
     ],
 )

@@ -40,7 +40,7 @@ def test_each_command_has_a_row():
 
 def test_each_setting_has_a_row_with_its_limits():
     table = {row[0]: row[1:] for row in rows(section(PAGE, "Settings"))}
-    assert named(table) == {*LIMITS, "led", "channels"}
+    assert named(table) == {*LIMITS, "led", "radio", "channels"}
     for name, (low, high, default) in LIMITS.items():
         if f"`{name}`" in table:
             values, stated, _ = table[f"`{name}`"]
@@ -54,7 +54,7 @@ def test_each_field_of_a_reply_has_a_row():
     with spots.open("virtual") as board:
         for command in ("hello", "get"):
             table = section(PAGE, f"The reply to {command}")
-            fields = {*board.command(command)} - {"re", *LIMITS, "led", "channels"}
+            fields = {*board.command(command)} - {"re", *LIMITS, "led", "radio", "channels"}
             assert named(row[0] for row in rows(table)) == fields
 
 

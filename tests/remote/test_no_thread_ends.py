@@ -333,6 +333,7 @@ time.sleep(10)
                 "spots/recording/disk.py",
                 "spots/recording/record.py",
                 "spots/terminal/hotkey.py",
+                "spots_ble/ble_link.py",
                 "spots_net/to_foxglove.py",
                 "spots_sim/person/person.py",
                 "spots_sim/board/starting.py",
@@ -348,7 +349,11 @@ time.sleep(10)
             },
         ),
         (r"declare_queryable\(", {"spots_net/ros2/node.py"}),
-        (r"create_task\(|call_soon", {"spots_web/app.py", "spots_net/to_foxglove.py"}),
+        # In `ble_link.py`, the caller of the thread waits for each task.
+        (
+            r"create_task\(|call_soon",
+            {"spots_web/app.py", "spots_net/to_foxglove.py", "spots_ble/ble_link.py"},
+        ),
         (r"\.on_change = ", {"spots_web/app.py", "spots_web/state.py"}),
         (r"add_signal_handler\(", {"spots_web/serve.py"}),
         # These run in the main thread, where an exception ends the program.
