@@ -10,7 +10,6 @@ def radio(parser: Parser):
     """Pair a board that has Bluetooth LE with computers and phones.
 
     examples:
-      spots command "set radio=both" save reboot
       spots radio pair
       spots radio forget c0:c1:c2:c3:c4:c5
     """
