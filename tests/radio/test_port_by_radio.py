@@ -76,3 +76,13 @@ def test_a_radio_that_cannot_be_switched_on_is_a_fault_that_hello_tells(tmp_path
         assert "the radio cannot be switched on" in fault
         with refusal(BoardError, why="no_radio"):
             board.command("radio pair")
+
+
+def test_a_line_that_is_too_long_is_refused_as_a_whole(rig):
+    """Fails if its end is taken for a command."""
+    host = rig.bonded()
+    host.send("x" * 256 + "set gain=1")
+    rig.run(0.2)
+    (reply,) = host.replies()
+    assert reply["why"] == "bad_line"
+    assert rig.board.command("get")["gain"] != 1

@@ -138,8 +138,6 @@ class Ports:
             byte = self._radio.read()
             if byte < 0:
                 return -1
-            if sizes[0] == _BUFFER:
-                sizes[0] = 0  # the rest of a line that is too long is refused as a line
             self._line[sizes[0]] = byte
             sizes[0] += 1
         now = self._clock.ticks_us()
@@ -150,5 +148,6 @@ class Ports:
         return self.read()
 
     def _is_whole(self):
+        # A line that is too long is passed on in parts, and refused as one by USB is.
         size = self._sizes[0]
-        return size > 0 and self._line[size - 1] in (_NEWLINE, _RETURN)
+        return size == _BUFFER or (size > 0 and self._line[size - 1] in (_NEWLINE, _RETURN))
