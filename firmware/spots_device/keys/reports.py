@@ -53,6 +53,14 @@ GAMEPAD_DESCRIPTOR = (
     b"\x05\x09\x19\x01\x29\x10\x15\x00\x25\x01\x75\x01\x95\x10\x81\x02"  # buttons 1 to 16
     b"\xc0"
 )
+# For each name of an interface, its report descriptor and the size of a report; those of the mouse
+# are in mouse.py.
+REPORTS = {
+    "keyboard": (KEYBOARD_DESCRIPTOR, REPORT_SIZE),
+    "consumer": (CONSUMER_DESCRIPTOR, ONE_KEY_SIZE),
+    "system": (SYSTEM_DESCRIPTOR, ONE_KEY_SIZE),
+    "gamepad": (GAMEPAD_DESCRIPTOR, REPORT_SIZE),
+}
 _GAMEPAD = "<hhhH"
 _BUTTONS = 6  # offset of the buttons in a report
 

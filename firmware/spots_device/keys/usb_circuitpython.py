@@ -14,14 +14,7 @@ asleep sends a report without keys, at most every 64 s.
 import supervisor
 import usb_hid
 
-from .reports import (
-    GAMEPAD_DESCRIPTOR,
-    ONE_KEY_SIZE,
-    REPORT_SIZE,
-    SYSTEM_DESCRIPTOR,
-    is_pressed,
-    with_report_id,
-)
+from .reports import REPORTS, is_pressed, with_report_id
 
 # HID usage page and usage that identify a device.
 _USAGES = {
@@ -50,13 +43,11 @@ def _device(name):
         return usb_hid.Device.KEYBOARD
     if name == "consumer":
         return usb_hid.Device.CONSUMER_CONTROL
-    if name == "system":
-        return _make(name, SYSTEM_DESCRIPTOR, ONE_KEY_SIZE)
     if name == "mouse":
         from .mouse import MOUSE_DESCRIPTOR, MOUSE_SIZE
 
         return _make(name, MOUSE_DESCRIPTOR, MOUSE_SIZE, 1)
-    return _make(name, GAMEPAD_DESCRIPTOR, REPORT_SIZE)
+    return _make(name, *REPORTS[name])
 
 
 def _make(name, descriptor, size, received_size=0):

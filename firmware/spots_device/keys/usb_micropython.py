@@ -16,15 +16,7 @@ from time import sleep_us, ticks_add, ticks_diff, ticks_us
 from machine import USBDevice
 
 from .. import const
-from .reports import (
-    CONSUMER_DESCRIPTOR,
-    GAMEPAD_DESCRIPTOR,
-    KEYBOARD_DESCRIPTOR,
-    ONE_KEY_SIZE,
-    REPORT_SIZE,
-    SYSTEM_DESCRIPTOR,
-    is_pressed,
-)
+from .reports import REPORTS, is_pressed
 
 _NO_BOOT = const(0)  # boot protocols of an interface, HID 1.11, section 4.3
 _BOOT_KEYBOARD = const(1)
@@ -54,13 +46,6 @@ _SET_PROTOCOL = const(0x210B)
 _AWAKE_US = const(20_000)
 _FETCH_US = const(3_000)  # longest wait for the host to fetch the repeated report
 _STEP_US = const(100)
-
-_INTERFACES = {
-    "keyboard": (KEYBOARD_DESCRIPTOR, REPORT_SIZE, _BOOT_KEYBOARD),
-    "consumer": (CONSUMER_DESCRIPTOR, ONE_KEY_SIZE, _NO_BOOT),
-    "system": (SYSTEM_DESCRIPTOR, ONE_KEY_SIZE, _NO_BOOT),
-    "gamepad": (GAMEPAD_DESCRIPTOR, REPORT_SIZE, _NO_BOOT),
-}
 
 
 class _Interface:
@@ -255,7 +240,8 @@ def open_interfaces(names, show_leds):
             one = _Interface(device, number, endpoint, kind, mouse.set_multipliers)
             one.state_size = mouse.STATE_SIZE
         else:
-            one = _Interface(device, number, endpoint, _INTERFACES[names[i]], show_leds)
+            boot = _BOOT_KEYBOARD if names[i] == "keyboard" else _NO_BOOT
+            one = _Interface(device, number, endpoint, REPORTS[names[i]] + (boot,), show_leds)
         interfaces.append(one)
         configuration += one.descriptors
     # wTotalLength and bNumInterfaces, USB 2.0, section 9.6.3

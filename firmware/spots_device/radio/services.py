@@ -7,22 +7,14 @@ of the serial port are those of Nordic's UART service, which terminals for phone
 from binascii import unhexlify
 
 from .. import __version__, const
-from ..keys.reports import (
-    CONSUMER_DESCRIPTOR,
-    GAMEPAD_DESCRIPTOR,
-    KEYBOARD_DESCRIPTOR,
-    ONE_KEY_SIZE,
-    REPORT_SIZE,
-    SYSTEM_DESCRIPTOR,
-    with_report_id,
-)
+from ..keys.reports import REPORTS, with_report_id
 
 UART = "6e400001-b5a3-f393-e0a9-e50e24dcca9e"
 TO_BOARD = "6e400002-b5a3-f393-e0a9-e50e24dcca9e"
 TO_HOST = "6e400003-b5a3-f393-e0a9-e50e24dcca9e"
 _RECEIVED_MAX = const(512)  # bytes that wait until the loop reads them
 
-HID = const(0x1812)
+_HID = const(0x1812)
 _DEVICE = const(0x180A)
 _MAKER, _REVISION, _PNP = const(0x2A29), const(0x2A26), const(0x2A50)
 _INFORMATION, _MAP, _CONTROL = const(0x2A4A), const(0x2A4B), const(0x2A4C)
@@ -80,7 +72,7 @@ def register(ble, uuid, names, data):
     ]
     kinds = _kinds(names)
     if names:
-        services.append((uuid(HID), _characteristics(uuid, names)))
+        services.append((uuid(_HID), _characteristics(uuid, names)))
     if data:
         services.append(
             (
@@ -107,12 +99,7 @@ def register(ble, uuid, names, data):
 
 def _kinds(names):
     # Descriptor and size of each interface's report.
-    kinds = {
-        "keyboard": (KEYBOARD_DESCRIPTOR, REPORT_SIZE),
-        "consumer": (CONSUMER_DESCRIPTOR, ONE_KEY_SIZE),
-        "system": (SYSTEM_DESCRIPTOR, ONE_KEY_SIZE),
-        "gamepad": (GAMEPAD_DESCRIPTOR, REPORT_SIZE),
-    }
+    kinds = dict(REPORTS)
     if "mouse" in names:
         from ..keys.mouse import MOUSE_DESCRIPTOR, MOUSE_SIZE
 
