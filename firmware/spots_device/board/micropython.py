@@ -26,6 +26,7 @@ class MachineUsb:
     """
 
     def __init__(self, board_config):
+        self._connected = None  # a function, when interfaces have been opened
         self._most = getattr(board_config, "USB_HID_MAX", None)
         self.led = None
         pin = getattr(board_config, "LED_PIN", None)
@@ -61,16 +62,15 @@ class MachineUsb:
                 "USB of this board has no room for %s: switch keys or gamepad off, or push another "
                 "layout, then save and reboot" % " and ".join(names)
             )
-        from ..keys.usb_micropython import open_interfaces
+        from ..keys.usb_micropython import connected, open_interfaces
 
+        self._connected = connected
         return open_interfaces(names, self.show_leds)
 
     @property
     def connected(self):
-        """Whether a computer uses the interfaces."""
-        from ..keys.usb_micropython import connected
-
-        return connected()
+        """Whether a computer uses the interfaces. Safe in the loop: allocates nothing."""
+        return self._connected is not None and self._connected()
 
     def show_leds(self, leds):
         if self.led is not None:
