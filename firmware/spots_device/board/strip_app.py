@@ -124,22 +124,9 @@ class StripApp:
         return self.apply_calibration()
 
     def use_layout(self, lines):
-        """Store a new layout of keys and use it.
+        """Store a new layout of keys and use it, as `use_calibration` does with a calibration.
 
-        Parameters
-        ----------
-        lines : list of str
-            Lines of a layout; an empty list restores the default layout.
-
-        Returns
-        -------
-        str or None
-            Note for the user, see `apply_calibration`.
-
-        Raises
-        ------
-        ValueError
-            If the lines are invalid. Nothing is changed then.
+        An empty list restores the default layout.
         """
         if lines:
             check_layout(lines)

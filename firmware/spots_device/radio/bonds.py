@@ -75,10 +75,7 @@ class Bonds:
         free = -1
         for i in range(_SLOTS):
             if self._is(i, kind, key):
-                if self._heads[4 * i] == _KEPT and kind < _SUBSCRIPTIONS:
-                    self._heads[4 * i] = _HIDDEN
-                else:
-                    self._heads[4 * i] = _FREE
+                self._retire(i, kind)
             if free < 0 and not self._heads[4 * i]:
                 free = i
         if free < 0:
@@ -103,33 +100,30 @@ class Bonds:
         """
         for i in range(_SLOTS):
             if self._is(i, kind, key):
-                if kind < _SUBSCRIPTIONS:
-                    self.paired = True
-                    self._heads[4 * i] = _HIDDEN if self._heads[4 * i] == _KEPT else _FREE
-                else:
-                    self._heads[4 * i] = _FREE
+                self.paired = self.paired or kind < _SUBSCRIPTIONS
+                self._retire(i, kind)
                 return True
         return False
 
+    def _retire(self, i, kind):
+        # Only a kept key of a bond can come back.
+        is_hidden = kind < _SUBSCRIPTIONS and self._heads[4 * i] == _KEPT
+        self._heads[4 * i] = _HIDDEN if is_hidden else _FREE
+
     def keep(self):
-        """Keep the fresh secrets, and forget the hidden ones; return whether there were some."""
-        return self._settle(_KEPT, _FREE)
+        """Keep the fresh secrets, and forget the hidden ones."""
+        self._settle(_KEPT, _FREE)
 
     def restore(self):
         """Forget the fresh secrets, and show the hidden ones again."""
-        return self._settle(_FREE, _KEPT)
+        self._settle(_FREE, _KEPT)
 
     def _settle(self, fresh, hidden):
-        changed = False
         for i in range(0, 4 * _SLOTS, 4):
             if self._heads[i] == _FRESH:
                 self._heads[i] = fresh
             elif self._heads[i] == _HIDDEN:
                 self._heads[i] = hidden
-            else:
-                continue
-            changed = True
-        return changed
 
     def lines(self):
         """Return the kept secrets as lines of text."""
@@ -149,7 +143,7 @@ class Bonds:
         return made
 
     def hosts(self):
-        """Return the addresses of the bonded hosts, as lists of ten-digit texts with colons."""
+        """Return the addresses of the bonded hosts, as texts of six bytes with colons."""
         found = []
         for i in range(_SLOTS):
             if self._heads[4 * i] in (_KEPT, _HIDDEN) and self._heads[4 * i + 1] == OURS:

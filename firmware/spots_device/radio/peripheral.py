@@ -69,8 +69,6 @@ class Radio:
         Whether a bonded host is connected, and the connection is encrypted.
     listens : bool
         Whether this host has sent bytes to the serial port, so that it gets frames.
-    dropped : int
-        Number of frames that the radio did not take.
     opened : bool
         Whether `open` was called.
     fault : str or None
@@ -81,7 +79,6 @@ class Radio:
         self.name = "SPOTS " + uid[-4:]
         self.bonds = Bonds(lines)
         self.trusted = self.listens = False
-        self.dropped = 0
         self.opened = False
         self.fault = None
         self._ble, self._uuid, self._clock = ble, uuid, clock
@@ -97,17 +94,9 @@ class Radio:
         self._handles = None
 
     def open(self, names):
-        """Start the radio, with HID interfaces if the setting allows.
+        """Start the radio; as ``open`` of a USB stack, see `interfaces.Interfaces`.
 
-        Parameters
-        ----------
-        names : list of str
-            Names of interfaces, from `interfaces.INTERFACES`.
-
-        Returns
-        -------
-        dict
-            For the name of each interface, the function ``send(report) -> bool``.
+        Without HID in the setting, no interface is opened.
         """
         if self._use == "data":
             names = []
@@ -275,7 +264,6 @@ class Radio:
                 self._ble.gatts_notify(self._state[_CONN], self._handles.to_host, part)
             return True
         except OSError:  # the queue of the stack is full, or the host is gone
-            self.dropped += 1
             return False
 
     def read(self):
