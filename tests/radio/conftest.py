@@ -63,9 +63,13 @@ class Rig:
         """Return a new host that has paired with the board, and uses all that it offers."""
         host = self.host(**options)
         host.connect()
-        host.pair(int(self.board.command("radio pair")["passkey"]))
+        host.pair(self.passkey())
         host.use()
         return host
+
+    def passkey(self):
+        """Open the window for a new bond; return the passkey."""
+        return int(self.board.command("radio pair")["passkey"])
 
     def close(self):
         self.board.close()

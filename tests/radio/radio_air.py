@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import math
+from collections import deque
 from collections.abc import Coroutine
+from random import Random
 from typing import TypeVar
 
 from bumble import hci
@@ -36,6 +39,37 @@ class _Link(LocalLink):
             loop.call_soon(receiver.on_link_acl_data, connection.self_address, transport, data)
 
 
+class RadioController(Controller):
+    """Sends data when `air` lets it, and tells its stack only then that there is room for more."""
+
+    total_num_le_acl_data_packets = 8  # few, as in a chip
+    le_acl_data_packet_length = 251  # with the longer packets of Bluetooth 4.2
+
+    def __init__(self, air: Air, name: str, **options):
+        super().__init__(name, **options)
+        self._air = air
+        self._waiting: deque[hci.HCI_AclDataPacket] = deque()
+
+    def on_hci_acl_data_packet(self, packet: hci.HCI_AclDataPacket) -> None:
+        self._waiting.append(packet)
+        if len(self._waiting) == 1:
+            asyncio.get_running_loop().create_task(self._send())
+
+    async def _send(self) -> None:
+        while self._waiting:
+            await self._air.event()
+            missed = 0
+            for _ in range(len(self._waiting)):
+                missed = missed + 1 if self._air.is_disturbed() else 0
+                if (
+                    missed == 2
+                ):  # two in a row end the event: Bluetooth Core 5.4, Vol 6 Part B 4.5.6
+                    break
+                if not missed:
+                    super().on_hci_acl_data_packet(self._waiting[0])
+                    self._waiting.popleft()
+
+
 class _Loop(asyncio.SelectorEventLoop):
     """An event loop that never waits; its time is simulated."""
 
@@ -46,14 +80,18 @@ class _Loop(asyncio.SelectorEventLoop):
 
 
 class Air:
-    """Bluetooth devices that hear each other, in simulated time. A message takes no time.
+    """Bluetooth devices that hear each other, in simulated time.
 
-    While `holds` is true, a board's notifications stay in its queue, as in a disturbed air.
+    Data go in connection events, `interval_s` apart, in both directions; with 0, they take no time.
+    The part `repeated` of the packets is not received, and sent again before those behind it.
+    While `holds` is true, no packet goes.
     """
 
-    def __init__(self):
+    def __init__(self, interval_s: float = 0.0, repeated: float = 0.0):
         self.holds = False
+        self.interval_s, self.repeated = interval_s, repeated
         self.uuid = Uuid
+        self._random = Random(0)
         self._loop = _Loop()
         self._link = _Link()
 
@@ -68,7 +106,7 @@ class Air:
         async def make() -> Device:
             host = Host()
             public = hci.Address(f"{address}/P")
-            host.controller = Controller(name, link=self._link, public_address=public)
+            host.controller = RadioController(self, name, link=self._link, public_address=public)
             return Device(name=name, address=public, host=host)
 
         return self.wait(make())
@@ -106,10 +144,17 @@ class Air:
         """Return a future of the event loop."""
         return self._loop.create_future()
 
-    async def clear(self) -> None:
-        """Wait until the air is not disturbed."""
+    async def event(self) -> None:
+        """Wait for the next connection event."""
         while self.holds:
             await asyncio.sleep(_STEP_S)
+        if self.interval_s:
+            events = math.floor(self.now_s / self.interval_s) + 1
+            await asyncio.sleep(events * self.interval_s - self.now_s)
+
+    def is_disturbed(self) -> bool:
+        """Return whether the next packet is not received, and must be sent again."""
+        return self.repeated > 0 and self._random.random() < self.repeated
 
     def begin(self, task: Coroutine[object, object, object]) -> None:
         """Start a task, which `settle` runs."""

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 from bumble import core, hci, smp
-from bumble.att import Attribute
+from bumble.att import ATT_Error, Attribute, ErrorCode
 from bumble.device import Connection
 from bumble.gatt import Characteristic, CharacteristicValue, Descriptor, Service
 from bumble.keys import KeyStore, PairingKeys
@@ -28,6 +28,7 @@ _KEY_BYTES, _VALUE_BYTES = 24, 80  # about those of NimBLE's structures
 _LTK, _IRK = slice(18, 34), slice(35, 51)  # in a value
 _PROTECTED = 8  # in a value: whether a passkey protected the pairing
 _READ_ENC, _WRITE_ENC = 0x0200, 0x1000
+_WRITTEN_MAX = 20  # bytes of a value without a buffer of its own
 _QUEUED_MAX = 12  # notifications that the stack holds
 
 
@@ -50,7 +51,7 @@ class Ble:
         self._handler: Callable[[int, tuple], Any] = lambda event, data: None
         self._options: dict[str, Any] = {}
         self._values: dict[int, bytes] = {}
-        self._appends: set[int] = set()
+        self._sizes: dict[int, int] = {}  # of buffers to which writes append
         self._attributes: dict[int, Attribute] = {}
         self._connections: dict[int, Connection] = {}
         self._advertised: dict[str, Any] | None = None
@@ -103,22 +104,33 @@ class Ble:
         for one, its_flags in descriptors:
             handle: list[int] = []
             rows.append(
-                (Descriptor(one.value, _permissions(its_flags), self._value(handle)), handle)
+                (
+                    Descriptor(one.value, _permissions(its_flags), self._value(handle, its_flags)),
+                    handle,
+                )
             )
         handle = []
         properties = Characteristic.Properties(flags & 0xFF)
         under = [row[0] for row in rows]
         one = Characteristic(
-            uuid.value, properties, _permissions(flags), self._value(handle), under
+            uuid.value, properties, _permissions(flags), self._value(handle, flags), under
         )
         return [(one, handle), *rows]
 
-    def _value(self, handle: list[int]) -> CharacteristicValue:
+    def _value(self, handle: list[int], flags: int) -> CharacteristicValue:
         # `handle` gets the number of the attribute when this is registered.
-        return CharacteristicValue(
-            read=lambda _: self._values[handle[0]],
-            write=lambda by, data: self._written(by, handle[0], data),
-        )
+        # Bumble looks only at the flags that ask for encryption.
+        def read(by: Connection) -> bytes:
+            if not _permissions(flags) & Attribute.Permissions.READABLE:
+                raise ATT_Error(ErrorCode.READ_NOT_PERMITTED)
+            return self._values[handle[0]]
+
+        def write(by: Connection, data: bytes) -> None:
+            if not _permissions(flags) & Attribute.Permissions.WRITEABLE:
+                raise ATT_Error(ErrorCode.WRITE_NOT_PERMITTED)
+            self._written(by, handle[0], data)
+
+        return CharacteristicValue(read=read, write=write)
 
     def _number(self, attribute: Attribute, handle: list[int]) -> int:
         handle.append(attribute.handle)
@@ -127,35 +139,40 @@ class Ble:
         return attribute.handle
 
     def _written(self, by: Connection, handle: int, data: bytes) -> None:
-        before = self._values[handle] if handle in self._appends else b""
-        self._values[handle] = before + data
+        if handle in self._sizes:  # what has no room is lost
+            data = (self._values[handle] + data)[: self._sizes[handle]]
+        else:
+            data = data[:_WRITTEN_MAX]
+        self._values[handle] = data
         self.tell(_WRITTEN, by.handle, handle)
 
     def gatts_write(self, handle: int, data: bytes) -> None:
         self._values[handle] = bytes(data)
 
     def gatts_read(self, handle: int) -> bytes:
+        if handle not in self._values:
+            raise OSError(errno.EINVAL)
         data = self._values[handle]
-        if handle in self._appends:
+        if handle in self._sizes:
             self._values[handle] = b""
         return data
 
     def gatts_set_buffer(self, handle: int, size: int, append: bool) -> None:
         if append:
-            self._appends.add(handle)
+            self._sizes[handle] = size
 
     def gatts_notify(self, conn: int, handle: int, data: Any) -> None:
         by = self._connections.get(conn)
         if by is None:
             raise OSError(errno.ENOTCONN)
-        if self._queued >= _QUEUED_MAX:
+        packets = self.device.host.le_acl_packet_queue
+        if self._queued + (packets.pending if packets else 0) >= _QUEUED_MAX:
             raise OSError(errno.ENOMEM)
         self._queued += 1
         self._air.begin(self._notify(by, handle, bytes(data)))
 
     async def _notify(self, by: Connection, handle: int, data: bytes) -> None:
         try:
-            await self._air.clear()
             attribute = self._attributes[handle]
             await self.device.gatt_server.notify_subscriber(by, attribute, data, force=True)
         finally:

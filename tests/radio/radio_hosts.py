@@ -67,13 +67,14 @@ class Host:
                 return result
         raise TimeoutError
 
-    def connect(self):
+    def connect(self, mtu=247):
         self.connection = self.wait(
             self.device.connect(BOARD, own_address_type=hci.OwnAddressType.PUBLIC)
         )
         self.peer = Peer(self.connection)
         self.connection.on("disconnection", lambda _: setattr(self, "connection", None))
-        self.wait(self.peer.request_mtu(247))
+        if mtu:
+            self.wait(self.peer.request_mtu(mtu))
 
     def pair(self, passkey):
         self.passkey = passkey
@@ -156,3 +157,13 @@ class Host:
 def whole_frames(data):
     """Return the frames in bytes of a board, from the first delimiter on."""
     return Decoder().feed(b"\0" + data)
+
+
+def pressed(reports):
+    """Return the usages of the keys that a host saw pressed."""
+    return [bytes(report)[2] for _, report in reports if report[2]]
+
+
+def is_up(reports):
+    """Return whether the newest report has no key."""
+    return not reports or not any(reports[-1][1])

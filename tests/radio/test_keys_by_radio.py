@@ -6,19 +6,11 @@ import pytest
 
 from radio_air import Air
 from radio_ble import Ble, Uuid
-from radio_hosts import Host
+from radio_hosts import Host, is_up, pressed
 from spots_device.radio.peripheral import Radio
 
 pytestmark = pytest.mark.board
 DOWN = {1: 0x1E, 2: 0x1F, 3: 0x20, 7: 0x24}  # usages of the keys of `digits`
-
-
-def pressed(reports):
-    return [bytes(report)[2] for _, report in reports if report[2]]
-
-
-def is_up(reports):
-    return not reports or not any(reports[-1][1])
 
 
 def test_keys_go_to_usb_while_a_computer_is_there_and_else_by_radio(rig):

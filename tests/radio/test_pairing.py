@@ -16,10 +16,6 @@ pytestmark = pytest.mark.board
 NOTHING = PairingDelegate.IoCapability.NO_OUTPUT_NO_INPUT
 
 
-def passkey(rig):
-    return int(rig.board.command("radio pair")["passkey"])
-
-
 def test_a_host_bonds_with_the_passkey_and_comes_back_after_a_reboot(rig):
     host = rig.bonded()
     assert rig.board.command("radio list")["hosts"] == ["c0:c1:c2:c3:c4:c5"]
@@ -35,14 +31,14 @@ def test_a_wrong_passkey_makes_no_bond(rig):
     host = rig.host()
     host.connect()
     with pytest.raises(ProtocolError):
-        host.pair((passkey(rig) + 1) % 1_000_000)
+        host.pair((rig.passkey() + 1) % 1_000_000)
     rig.run(0.5)
     assert rig.board.command("radio list")["hosts"] == []
 
 
 def test_a_host_that_types_no_passkey_makes_no_bond_even_in_the_window(rig):
     """Fails if pairing that a man in the middle can do passes for the passkey that was shown."""
-    passkey(rig)
+    rig.passkey()
     host = rig.host(io=NOTHING, mitm=False)
     host.connect()
     host.pair(0)
@@ -134,7 +130,7 @@ def test_a_forgotten_host_gets_nothing_and_can_pair_again(rig):
     host.disconnect()
     host.device.keystore.all_keys.clear()
     host.connect()
-    host.pair(passkey(rig))
+    host.pair(rig.passkey())
     assert rig.board.command("radio list")["hosts"] == ["c0:c1:c2:c3:c4:c5"]
 
 
@@ -144,7 +140,7 @@ def test_a_host_that_forgot_its_bond_pairs_again_in_a_window(rig):
         host.disconnect()
         host.device.keystore.all_keys.clear()
         host.connect()
-        host.pair(passkey(rig))
+        host.pair(rig.passkey())
         assert rig.board.command("radio list")["connected"]
     assert rig.board.command("radio list")["hosts"] == ["c0:c1:c2:c3:c4:c5"]
 

@@ -127,10 +127,13 @@ class Ports:
             self._heard = self._clock.ticks_us()
             self.by_radio = False
             return byte
-        if self._radio.trusted:
-            return self._next_by_radio()
-        sizes[0] = 0
-        return -1
+        if not self._radio.trusted:
+            sizes[0] = 0
+            return -1
+        if self._in_line:
+            now = self._clock.ticks_us()
+            self._in_line = self._clock.ticks_diff(now, self._heard) < _IDLE_US
+        return self._next_by_radio()
 
     def _next_by_radio(self):
         sizes = self._sizes
@@ -140,11 +143,9 @@ class Ports:
                 return -1
             self._line[sizes[0]] = byte
             sizes[0] += 1
-        now = self._clock.ticks_us()
-        if self._in_line and self._clock.ticks_diff(now, self._heard) < _IDLE_US:
+        if self._in_line:
             return -1
         self._returns = True
-        self._in_line = False
         return self.read()
 
     def _is_whole(self):

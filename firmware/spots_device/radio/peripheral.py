@@ -34,6 +34,8 @@ _PROTECTED = const(2)  # encrypted by keys that a passkey protected
 _LEAST_MTU = const(23)
 _MTU_WANTED = const(247)
 _HEADER = const(3)  # bytes of a notification before its data
+_WAITING_MAX = const(2048)  # bytes of frames that wait for the stack; more than the longest frame
+_GROUPED_US, _FULL_US = const(10_000), const(50_000)
 _ADVERTISED_US = const(30_000)  # between two advertisements
 _WINDOW_US = const(60_000_000)  # in which a new bond can be made
 _SETTLES_US = const(2_000_000)  # after the first secret of a new bond
@@ -91,6 +93,9 @@ class Radio:
         self._passkey = -1
         self._received = b""
         self._at = 0
+        self._waiting = memoryview(bytearray(_WAITING_MAX))
+        self._first = self._end = 0  # of the bytes that wait
+        self._next = clock.ticks_us()  # when to send what waits
         self._handles = None
 
     def open(self, names):
@@ -125,19 +130,21 @@ class Radio:
             if data[2] is None:
                 return self.bonds.drop(data[0], data[1])
             return self.bonds.put(data[0], data[1], data[2])
-        if event == _WRITTEN:
-            if data[1] == self._handles.to_board:
-                s[_DATA] = 1
-            elif data[1] == self._handles.leds:
-                s[_LEDS] = 1
-            else:
-                s[_MULTIPLIERS] = 1
-        elif event == _CONNECTED:
+        if event == _CONNECTED:
             s[_CONN] = data[0]
             s[_COUNT] += 1
             s[_SAFE] = s[_ASKED] = s[_LEDS] = s[_MULTIPLIERS] = s[_DATA] = 0
             s[_MTU] = _LEAST_MTU
             self.bonds.begin()
+        elif data[0] != s[_CONN]:
+            return None
+        elif event == _WRITTEN:
+            if data[1] == self._handles.to_board:
+                s[_DATA] = 1
+            elif data[1] == self._handles.leds:
+                s[_LEDS] = 1
+            elif data[1] == self._handles.multipliers:
+                s[_MULTIPLIERS] = 1
         elif event == _DISCONNECTED:
             self.trusted = self.listens = False
             s[_CONN] = -1
@@ -176,11 +183,16 @@ class Radio:
             return self._judge(now)
         if s[_LEDS]:
             s[_LEDS] = 0
-            self._show_leds(self._ble.gatts_read(self._handles.leds)[0])
+            self._take(self._show_leds, self._handles.leds)
         if s[_MULTIPLIERS]:
             s[_MULTIPLIERS] = 0
-            self._set_multipliers(self._ble.gatts_read(self._handles.multipliers)[0])
+            self._take(self._set_multipliers, self._handles.multipliers)
         return None
+
+    def _take(self, show, handle):
+        # A host can write nothing, or too much.
+        for byte in self._ble.gatts_read(handle)[:1]:
+            show(byte)
 
     def _renew(self, now):
         # A connection has begun, or ended, or both.
@@ -188,6 +200,7 @@ class Radio:
         self._number = s[_COUNT]
         self.trusted = self.listens = False
         self._received, self._at = b"", 0
+        self._first = self._end = 0
         self.bonds.restore()
         if self._handles.to_board >= 0:
             self._ble.gatts_read(self._handles.to_board)  # bytes of a host that was not trusted
@@ -254,17 +267,44 @@ class Radio:
         return True
 
     def write(self, buffer, size):
-        """Notify the host of `size` bytes; return whether the stack took all. May allocate."""
-        room = self._state[_MTU] - _HEADER
+        """Let a frame of `size` bytes wait for `flush`; return whether there was room."""
         if not self._is_same():
             return False
-        try:
-            for at in range(0, size, room):
-                part = buffer[at : min(at + room, size)]
-                self._ble.gatts_notify(self._state[_CONN], self._handles.to_host, part)
-            return True
-        except OSError:  # the queue of the stack is full, or the host is gone
-            return False
+        left = self._end - self._first
+        if self._end + size > _WAITING_MAX:
+            if left + size > _WAITING_MAX:
+                return False
+            self._waiting[:left] = bytes(self._waiting[self._first : self._end])
+            self._first, self._end = 0, left
+        self._waiting[self._end : self._end + size] = buffer[:size]
+        self._end += size
+        self.flush()
+        return True
+
+    def flush(self):
+        """Send frames that wait, as far as the stack takes them.
+
+        A notification that is not full waits for 10 ms, and all wait for 50 ms after the stack had
+        no memory left: without memory, it also refuses what the host writes.
+        """
+        room = self._state[_MTU] - _HEADER
+        now = self._clock.ticks_us()
+        left_us = self._clock.ticks_diff(self._next, now)
+        if left_us < 0:
+            left_us = 0
+            self._next = now  # before the ticks wrap
+        while self._first < self._end and left_us <= _GROUPED_US:
+            end = min(self._end, self._first + room)
+            if left_us and end - self._first < room:
+                return
+            left_us = _GROUPED_US
+            if self.notify(self._handles.to_host, self._waiting[self._first : end]):
+                self._first = end
+            else:
+                left_us = _FULL_US
+            self._next = self._clock.ticks_add(now, left_us)
+        if self._first == self._end:
+            self._first = self._end = 0
 
     def read(self):
         """Return the next byte that a trusted host has written, or -1."""

@@ -54,6 +54,8 @@ class Wireless:
             if what == "bonds":
                 self._save()
         self.keys.follow(self._board)
+        if self._board.interfaces.pump():  # keys before frames
+            self._radio.flush()
 
     def _show_leds(self, leds):
         if self._board.signal:
