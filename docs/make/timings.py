@@ -16,7 +16,7 @@ from spots.keyboard.layout import compiled
 from spots.keyboard.timing_picture import STYLE
 from spots.keyboard.trial import Span, Touch, played
 from spots.outputs.usages import MODIFIERS_FROM, USAGES, name_of
-from spots_device.keys.layout import KEYBOARD
+from spots_device.usb.usages import KEYBOARD
 from spots_make.drawing import SVG
 
 from .svg import picture

@@ -8,7 +8,8 @@ from spots.keyboard.keys import push
 from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.connect import prepare
-from spots_device.keys.layout import KEYBOARD, action, default_lines
+from spots_device.keys.layout import action, default_lines
+from spots_device.usb.usages import KEYBOARD
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.person.stage import calibrate
 from spots_sim.strip.files import SensorFile

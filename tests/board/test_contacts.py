@@ -18,8 +18,9 @@ from spots_device.fingers.contacts import (
     PROVISIONAL,
     UP,
 )
-from spots_device.keys.layout import KEYBOARD, action
+from spots_device.keys.layout import action
 from spots_device.reading.decode import LED_OFF, MISFIT, TOUCHING
+from spots_device.usb.usages import KEYBOARD
 from spots_sim.demo.demo import open_fast
 from spots_sim.person.typist import fast_typing, two_fingers
 from spots_sim.strip.files import Ambient, Finger, ScenarioFile

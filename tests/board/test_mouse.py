@@ -13,7 +13,8 @@ from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.outputs import usages
 from spots_device.keys import layout as kinds
-from spots_device.keys.mouse import MOUSE_SIZE, NOTCH
+from spots_device.usb.descriptors import MOUSE_SIZE
+from spots_device.usb.usages import NOTCH
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.files import Finger, ScenarioFile, load
 from spots_sim.strip.scenario import Scenario
@@ -42,7 +43,7 @@ def play(sensor, calibration, folder, layout, fingers, exposure_us=10_000, multi
         for _ in board.frames(0.5):
             pass
         for name, module in list(sys.modules.items()):
-            if name.endswith(".keys.mouse"):  # of the board in this process
+            if name.endswith(".usb.mouse"):  # of the board in this process
                 module.set_multipliers(multipliers)
         while board.now_s() < SECONDS:
             for _ in board.frames(0.1):

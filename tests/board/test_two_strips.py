@@ -19,8 +19,9 @@ from spots.link.lines import of_sensor
 from spots.link.stored import stored_calibration
 from spots.terminal.monitor import watch
 from spots_device.board.settings import checksum
-from spots_device.keys.layout import KEYBOARD, action
+from spots_device.keys.layout import action
 from spots_device.reading.decode import DROPPED
+from spots_device.usb.usages import KEYBOARD
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.chip.bus import I2CBus, MultiplexedBus
 from spots_sim.chip.converter import STEP_US

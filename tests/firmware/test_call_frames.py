@@ -43,7 +43,7 @@ EACH_SAMPLE = {
     "keys/moves": "move _may_swipe _swipe _step _slide _action",
     "keys/morph": "press released",
     "keys/repeat": "press pressed",
-    "keys/reports": "key flush put pump expire has_room _append",
+    "usb/reports": "key flush put pump expire has_room _append",
     "keys/sticky": "press release pressed tick forget holds _finish _change",
     "reading/frame": "send _send_body",
     "reading/kernel": "process _add _stamp estimate _take_logs _locate _beyond _judge "

@@ -3,18 +3,20 @@
 import pytest
 from hidtools.hid import ReportDescriptor
 
-from spots_device.keys.mouse import MOUSE_DESCRIPTOR, MOUSE_SIZE, MouseReports, set_multipliers
-from spots_device.keys.reports import (
+from spots_device.usb.descriptors import (
     CONSUMER_DESCRIPTOR,
     GAMEPAD_DESCRIPTOR,
     KEYBOARD_DESCRIPTOR,
+    MOUSE_DESCRIPTOR,
+    MOUSE_SIZE,
     ONE_KEY_SIZE,
     REPORT_SIZE,
     SYSTEM_DESCRIPTOR,
-    GamepadReports,
-    KeyboardReports,
     with_report_id,
 )
+from spots_device.usb.gamepad import GamepadReports
+from spots_device.usb.mouse import MouseReports, set_multipliers
+from spots_device.usb.reports import KeyboardReports
 
 # Descriptor, application, bytes of a report, and bytes of what the host sends.
 KINDS = {

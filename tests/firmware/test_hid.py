@@ -8,19 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spots_device.keys.layout import KEYBOARD, action
-from spots_device.keys.merge import KEYS_MAX, Merger
-from spots_device.keys.reports import (
+from spots_device.keys.layout import action
+from spots_device.keys.merge import Merger
+from spots_device.usb.descriptors import (
     GAMEPAD_DESCRIPTOR,
     KEYBOARD_DESCRIPTOR,
     REPORT_SIZE,
-    WAITING_MAX,
-    GamepadReports,
-    KeyboardReports,
-    OneKeyReports,
-    Outbox,
     with_report_id,
 )
+from spots_device.usb.gamepad import GamepadReports
+from spots_device.usb.reports import WAITING_MAX, KeyboardReports, OneKeyReports, Outbox
+from spots_device.usb.usages import KEYBOARD, KEYS_MAX
 
 UP = bytes(REPORT_SIZE)
 A, B = 4, 5

@@ -7,8 +7,9 @@ from support.computer import Computer, text_of
 
 from spots.outputs.usages import chord_of
 from spots_device.keys.layout import action
-from spots_device.keys.merge import KEYS_MAX, Merger
-from spots_device.keys.reports import KeyboardReports
+from spots_device.keys.merge import Merger
+from spots_device.usb.reports import KeyboardReports
+from spots_device.usb.usages import KEYS_MAX
 
 A = action(7, 4)
 

@@ -14,14 +14,10 @@ from support.refusals import refusal
 
 from spots.link.decoder import Decoder
 from spots_device.board.outputs import INTERFACES
-from spots_device.keys.reports import (
-    GAMEPAD_DESCRIPTOR,
-    KEYBOARD_DESCRIPTOR,
-    Outbox,
-    with_report_id,
-)
 from spots_device.reading.decode import KIND, TOUCH_SIZE
 from spots_device.reading.frame import Framer, Time32
+from spots_device.usb.descriptors import GAMEPAD_DESCRIPTOR, KEYBOARD_DESCRIPTOR, with_report_id
+from spots_device.usb.reports import Outbox
 
 REPORT = bytes((0, 0, 30, 0, 0, 0, 0, 0))
 OTHER = bytes((0, 0, 31, 0, 0, 0, 0, 0))
@@ -126,7 +122,7 @@ class Host:
                 host.wakes += 1
 
         self.kind = USBDevice
-        self.module = fresh(monkeypatch, "keys.usb_micropython", machine={"USBDevice": USBDevice})
+        self.module = fresh(monkeypatch, "usb.micropython", machine={"USBDevice": USBDevice})
 
     @property
     def serial(self):
@@ -284,7 +280,7 @@ def test_micropython_that_cannot_wake_a_host_does_not_say_so(awake):
 
 
 def test_micropython_sends_each_movement_once(awake, ticks):
-    mouse = importlib.import_module("spots_device.keys.mouse")
+    mouse = importlib.import_module("spots_device.usb.mouse")
     send = awake.module.open_interfaces(["mouse"], None)["mouse"]
     reports = mouse.MouseReports(send, lambda: 0)
     awake.plug()
@@ -300,7 +296,7 @@ def test_micropython_sends_each_movement_once(awake, ticks):
 
 
 def test_micropython_takes_and_returns_the_multipliers_of_a_mouse(host):
-    mouse = importlib.import_module("spots_device.keys.mouse")
+    mouse = importlib.import_module("spots_device.usb.mouse")
     send = host.module.open_interfaces(["mouse"], None)["mouse"]
     host.plug()
     for bits in (0b0101, 0):
@@ -807,7 +803,7 @@ def circuitpython(monkeypatch):
     hid = {"Device": Device, "devices": ()}
     module = fresh(
         monkeypatch,
-        "keys.usb_circuitpython",
+        "usb.circuitpython",
         supervisor={"ticks_ms": world.ticks_ms, "runtime": world},
         usb_hid=hid,
     )
@@ -912,7 +908,7 @@ def test_circuitpython_asks_a_sleeping_host_to_wake_up_once_a_minute(sends):
 
 def test_circuitpython_takes_the_multipliers_of_a_mouse(circuitpython):
     module, _ = circuitpython
-    mouse = importlib.import_module("spots_device.keys.mouse")
+    mouse = importlib.import_module("spots_device.usb.mouse")
     module.enable(["mouse"])
     send = module.open_interfaces(["mouse"], None)["mouse"]
     (device,) = sys.modules["usb_hid"].devices

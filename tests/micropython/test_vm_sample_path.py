@@ -14,7 +14,7 @@ from spots_device.fingers.contacts import (
     PROVISIONAL,
     UP,
 )
-from spots_device.keys.layout import BEHAVIOUR, KEYBOARD, TEXT, action
+from spots_device.keys.layout import BEHAVIOUR, TEXT, action
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.calibration_lines import CalibrationError
 from spots_device.reading.dark import _DARK_EVERY_US, IDLE_US
@@ -29,6 +29,7 @@ from spots_device.reading.decode import (
     TOUCHING,
 )
 from spots_device.sensor.exposure import MAX_US
+from spots_device.usb.usages import KEYBOARD
 
 pytestmark = pytest.mark.board
 

@@ -4,7 +4,7 @@ from spots_device.fingers.state import TICKS
 from spots_device.keys.engine import Engine
 from spots_device.keys.layout import parse
 from spots_device.keys.merge import Merger
-from spots_device.keys.reports import KeyboardReports, OneKeyReports
+from spots_device.usb.reports import KeyboardReports, OneKeyReports
 from support.computer import Computer, text_of
 
 LENGTH_UM = 100_000

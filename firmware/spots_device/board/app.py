@@ -3,9 +3,9 @@
 import gc
 
 from .. import const
-from ..keys.reports import CAPS_LOCK
 from ..reading.frame import Framer, Time32
 from ..sensor.as7341 import SensorError
+from ..usb.usages import CAPS_LOCK
 from .command import LINE_MAX, Commands, LineReader
 from .interfaces import Interfaces
 from .store import Store

@@ -12,16 +12,16 @@ import storage
 import usb_cdc
 
 from .. import const
-from ..keys.reports import CAPS_LOCK
 from ..reading.fast_circuitpython import speed_up
 from ..runtime.circuitpython import CdcSerial, MonotonicClock
 from ..sensor.adafruit_circuitpython import AdafruitSensor
+from ..usb.usages import CAPS_LOCK
 from .settings import BoardSettings
 from .start import WATCHDOG_MS, blink, is_held, run
 from .stay import must_stay
 from .store import Store
 
-# The time between two reports, see keys/usb_circuitpython.py. `sleep_early_us` cannot sleep less
+# The time between two reports, see usb/circuitpython.py. `sleep_early_us` cannot sleep less
 # than 3 ms.
 _REPORT_US = const(10_000)
 
@@ -57,7 +57,7 @@ class CircuitUsb:
         dict
             For the name of each opened interface, the function ``send(report) -> bool``.
         """
-        from ..keys.usb_circuitpython import open_interfaces
+        from ..usb.circuitpython import open_interfaces
 
         return open_interfaces(names, self.show_leds)
 
@@ -79,7 +79,7 @@ def boot():
     usb_cdc.enable(console=True, data=True)
     storage.remount("/", readonly=False)
     if board_config.USB_HID:
-        from ..keys.usb_circuitpython import enable
+        from ..usb.circuitpython import enable
 
         enable(_wanted(board_config))
 

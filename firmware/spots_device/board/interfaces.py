@@ -1,12 +1,13 @@
 """The USB interfaces of a board, which all of its strips share; sends their reports to the host."""
 
-# Name of each USB interface, the setting that enables it, and the kind of actions that need it, see
-# `layout.KEYBOARD`.
+from ..usb.usages import CONSUMER, KEYBOARD, MOUSE, SYSTEM
+
+# Name of each USB interface, the setting that enables it, and the kind of actions that need it.
 INTERFACES = (
-    ("keyboard", "keys", 7),
-    ("consumer", "keys", 12),
-    ("system", "keys", 8),
-    ("mouse", "keys", 9),
+    ("keyboard", "keys", KEYBOARD),
+    ("consumer", "keys", CONSUMER),
+    ("system", "keys", SYSTEM),
+    ("mouse", "keys", MOUSE),
     ("gamepad", "gamepad", 0),
 )
 
@@ -53,18 +54,17 @@ class Interfaces:
         except OSError as error:
             self.fault = str(error)
             return
-        from ..keys.reports import GamepadReports, KeyboardReports, OneKeyReports
+        from ..usb.reports import KeyboardReports, OneKeyReports
 
-        made = {
-            "keyboard": KeyboardReports,
-            "consumer": OneKeyReports,
-            "system": OneKeyReports,
-            "gamepad": GamepadReports,
-        }
+        made = {"keyboard": KeyboardReports, "consumer": OneKeyReports, "system": OneKeyReports}
         if "mouse" in sends:
-            from ..keys.mouse import MouseReports
+            from ..usb.mouse import MouseReports
 
             made["mouse"] = MouseReports
+        if "gamepad" in sends:
+            from ..usb.gamepad import GamepadReports
+
+            made["gamepad"] = GamepadReports
         self.by_name = {name: made[name](send, self._time.ticks) for name, send in sends.items()}
         self.opened = tuple(self.by_name.values())
         self.by_kind = {

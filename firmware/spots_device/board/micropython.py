@@ -7,9 +7,9 @@ import time
 import machine
 import micropython
 
-from ..keys.reports import CAPS_LOCK
 from ..runtime.common import rp2_mC
 from ..runtime.micropython import MachineBus, StdioSerial
+from ..usb.usages import CAPS_LOCK
 from .start import WATCHDOG_MS, blink, is_held, run
 from .stay import must_stay
 
@@ -62,7 +62,7 @@ class MachineUsb:
                 "USB of this board has no room for %s: switch keys or gamepad off, or push another "
                 "layout, then save and reboot" % " and ".join(names)
             )
-        from ..keys.usb_micropython import connected, open_interfaces
+        from ..usb.micropython import connected, open_interfaces
 
         self._connected = connected
         return open_interfaces(names, self.show_leds)

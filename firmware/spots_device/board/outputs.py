@@ -10,6 +10,7 @@ from .. import const
 from ..fingers.state import STATE, STUCK_T, TWO, UP
 from ..reading import decode as d
 from ..runtime.modules import drop
+from ..usb.usages import KEYBOARD, MOUSE
 from .interfaces import INTERFACES
 
 _NONE = const(-1)
@@ -235,8 +236,8 @@ class Outputs:
             output.key(usage, modifiers, pressed)
 
     def scroll(self, number, parts):
-        """Turn the wheel `number`, see `layout.WHEEL`, by 120ths of a notch."""
-        mouse = self._interfaces.by_kind.get(9)  # layout.MOUSE
+        """Turn the wheel `number`, see `usages.WHEEL`, by 120ths of a notch."""
+        mouse = self._interfaces.by_kind.get(MOUSE)
         if mouse is not None:
             mouse.scroll(number, parts)
             mouse.flush()
@@ -247,7 +248,7 @@ class Outputs:
         Parameters
         ----------
         page, usage : int
-            Kind of the action, see `layout.KEYBOARD`, and usage or number.
+            Kind of the action, see `usages.KEYBOARD`, and usage or number.
         modifiers : int
             Bits of all modifier keys that are down after the event.
         pressed : bool
@@ -364,7 +365,7 @@ class Outputs:
 
     def wanted(self):
         """Return the names of the USB interfaces that settings and layout need."""
-        kinds = (0, 7)  # layout.KEYBOARD; layout.py is imported only if a layout is used
+        kinds = (0, KEYBOARD)  # layout.py is imported only if a layout is used
         if self._values["keys"]:
             try:
                 kinds = (0,) + self._get_layout().pages

@@ -1,6 +1,6 @@
 """Start of the application on any runtime: safe boot, watchdog, restart after a crash."""
 
-from ..keys.reports import CAPS_LOCK
+from ..usb.usages import CAPS_LOCK
 from .stay import stay_after_reset
 
 WATCHDOG_MS = 8_000  # close to the maximum of the RP2040

@@ -7,8 +7,7 @@ ends the word, 1 leaves the key as it is, 2 adds shift.
 """
 
 from .. import const
-from .layout import KEYBOARD
-from .merge import MODIFIERS_FROM
+from ..usb.usages import KEYBOARD, MODIFIERS_FROM
 
 _SHIFT = const(0x2000)  # left shift in an action
 _SHIFTS = const(0x22)  # left and right shift as modifiers

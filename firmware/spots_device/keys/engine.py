@@ -36,9 +36,9 @@ processes both one after the other.
 from array import array
 
 from .. import const
+from ..usb.usages import CAPS_LOCK_KEY, KEYBOARD, MODIFIERS_FROM, PLAIN
 from . import layout as y
 from . import switch as w
-from .merge import MODIFIERS_FROM
 from .switch import past
 
 _QUEUE = const(16)  # events
@@ -51,12 +51,10 @@ _EVENT = const(4)
 
 _BRIEF = const(4)  # tapped keys that are down at the same time
 _BACK_T = const(64)  # more than `Keypad.until` goes back
-_CAPS_LOCK = const(0x700039)  # action of caps lock
 # Which tapped keys are released.
 _OVER = const(0)  # those whose time is over
 _MODIFIERS = const(1)
 _ALL = const(2)
-_USAGE = const(0x1F00FFF)  # bits of an action without those of its modifiers
 
 # What decides an open switch.
 _OWN_UP = const(0)
@@ -595,7 +593,7 @@ class Engine:
         self.switches[i * w.SIZE + w.ACTION] = action
         if kind == y.BEHAVIOUR:
             self._behave(i, action & 0xFFF, t)
-        elif kind >= y.KEYBOARD:
+        elif kind >= KEYBOARD:
             self._press_key(i, action, t)
         elif kind:
             self._switch_layer(kind, action & 0xFFF)
@@ -625,7 +623,7 @@ class Engine:
         is_modifier = _is_modifier(action)
         if not is_modifier:
             self._key_t = t
-            if self._repeat is not None and action >> 20 == y.KEYBOARD:
+            if self._repeat is not None and action >> 20 == KEYBOARD:
                 self._repeat.pressed(action | self.merger.down << 12)
         if self._sticky is not None:
             self._sticky.pressed(is_modifier)
@@ -664,7 +662,7 @@ class Engine:
         elif kind == y.BEHAVIOUR:
             if self._sticky is not None:
                 self._sticky.release(i, t)
-        elif kind >= y.KEYBOARD:
+        elif kind >= KEYBOARD:
             self.release_later(action, self.switches[i * w.SIZE + w.BEGAN])
         if self._morph is not None:
             self._morph.released(i)
@@ -672,7 +670,7 @@ class Engine:
     def least_t(self, action):
         """Return the ticks for which a key of the computer is down at least."""
         layout = self.layout
-        if action & _USAGE == _CAPS_LOCK:
+        if action & PLAIN == CAPS_LOCK_KEY:
             return max(layout.tap_t, layout.caps_lock_t)
         return layout.tap_t
 
@@ -803,4 +801,4 @@ class Engine:
 
 
 def _is_modifier(action):
-    return action >> 20 == y.KEYBOARD and action & 0xFFF >= MODIFIERS_FROM
+    return action >> 20 == KEYBOARD and action & 0xFFF >= MODIFIERS_FROM

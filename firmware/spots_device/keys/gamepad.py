@@ -11,7 +11,7 @@ _X_MAX = 32_767
 
 
 class GamepadAxes:
-    """Turns readings into the axes and the button of a `reports.GamepadReports`."""
+    """Turns readings into the axes and the button of a `usb.gamepad.GamepadReports`."""
 
     def __init__(self, sink):
         self._sink = sink

@@ -46,15 +46,10 @@ action until the finger reaches a key. Of the layers that are on, the last one c
 
 from array import array
 
+from ..usb.usages import CONSUMER, KEYBOARD, MOUSE, SYSTEM, WHEEL
 from .keymap import KeyMap
 
-# Kinds of actions that press something. Those without comment are HID usage pages.
-KEYBOARD = 7
-SYSTEM = 8  # usages 0x81 to 0x83 of the page 1
-MOUSE = 9  # buttons, and the wheels from `WHEEL` on
-CONSUMER = 12
-WHEEL = 9
-# Other kinds of actions.
+# Kinds of actions beside those of `usages`, which press something.
 MOMENTARY = 2  # the layer is on while the key is held
 TOGGLE = 3  # switches the layer on or off
 TO = 4  # switches the layer on and all others off

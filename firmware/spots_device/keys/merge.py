@@ -14,12 +14,7 @@ Integers only; allocates nothing after construction.
 
 from array import array
 
-from .. import const
-
-KEYS_MAX = 6  # usages that are pressed at the same time, as in a boot keyboard report
-MODIFIERS_FROM = 0xE0  # usage of the first modifier key; bit i of the modifiers is usage 0xE0 + i
-_KEYBOARD = const(7)  # HID usage page, see `layout.KEYBOARD`
-_PLAIN = const(0x1F00FFF)  # bits of an action without those of its modifiers
+from ..usb.usages import KEYBOARD, KEYS_MAX, MODIFIERS_FROM, PLAIN
 
 
 class Merger:
@@ -51,14 +46,14 @@ class Merger:
         if self._holds(action):
             self._press_modifiers(sink, action)
             return True
-        at = self._find(action & _PLAIN)
+        at = self._find(action & PLAIN)
         if at < 0:
             at = self._find(0)
             if at < 0:
                 return False
         elif self._counts[at]:
             self._report(sink, action, False)
-        self._usages[at] = action & _PLAIN
+        self._usages[at] = action & PLAIN
         self._counts[at] += 1
         self._own = action >> 12 & 0xFF
         self._owner = action
@@ -75,7 +70,7 @@ class Merger:
         self._owner = self._own = self._hidden = 0
         self._set(sink, self.down | bits)
         self._set(sink, self._wanted())
-        sink.key(_KEYBOARD, action & 0xFFF, self.down, True)
+        sink.key(KEYBOARD, action & 0xFFF, self.down, True)
 
     def release(self, sink, action):
         """Release the usage of an action that `press` has pressed."""
@@ -83,7 +78,7 @@ class Merger:
         if bits:
             self._hold(bits, -1)
         else:
-            at = self._find(action & _PLAIN)
+            at = self._find(action & PLAIN)
             if at < 0:
                 self._set(sink, self._wanted())  # an interrupt may have been in between
                 return
@@ -100,7 +95,7 @@ class Merger:
     def _holds(self, action):
         # Returns the modifiers of an action that presses only modifier keys, else 0.
         bit = (action & 0xFFF) - MODIFIERS_FROM
-        if action >> 20 != _KEYBOARD or not 0 <= bit < 8:
+        if action >> 20 != KEYBOARD or not 0 <= bit < 8:
             return 0
         return action >> 12 & 0xFF | 1 << bit
 
@@ -146,7 +141,7 @@ class Merger:
         # In this order: an interrupt in between must not hide a pressed modifier.
         if pressed:
             self.down |= 1 << i
-        sink.usage(_KEYBOARD, MODIFIERS_FROM + i, self.down & ~(1 << i) | pressed << i, pressed)
+        sink.usage(KEYBOARD, MODIFIERS_FROM + i, self.down & ~(1 << i) | pressed << i, pressed)
         if not pressed:
             self.down &= ~(1 << i)
 

@@ -5,8 +5,8 @@ from a layer, a modifier or a sticky key until the switch is released.
 """
 
 from .. import const
-from .layout import BEHAVIOUR, KEYBOARD, STICKY
-from .merge import MODIFIERS_FROM
+from ..usb.usages import KEYBOARD, MODIFIERS_FROM
+from .layout import BEHAVIOUR, STICKY
 
 _NONE = const(-1)
 

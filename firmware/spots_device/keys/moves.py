@@ -6,12 +6,10 @@ smoothly instead, by a notch for this distance.
 A swipe decides first: on a layer with swipes, a slide begins when no swipe is possible any more.
 """
 
-from .. import const
+from ..usb.usages import MOUSE, NOTCH, WHEEL
 from . import layout as y
 from . import switch as w
 from .switch import past
-
-_NOTCH = const(120)  # parts of a notch, see mouse.py
 
 
 class Moves:
@@ -76,8 +74,8 @@ class Moves:
         if not _is_wheel(action):
             return False
         slide_um = self._engine.layout.slide_um
-        parts = abs(off_um) * _NOTCH // slide_um
-        um = (parts * slide_um + (_NOTCH >> 1)) // _NOTCH
+        parts = abs(off_um) * NOTCH // slide_um
+        um = (parts * slide_um + (NOTCH >> 1)) // NOTCH
         self._engine.switches[i * w.SIZE + w.STEP_UM] += um if off_um > 0 else -um
         if parts:
             self._engine.sink.scroll(action & 0xFFF, parts)
@@ -89,4 +87,4 @@ class Moves:
 
 
 def _is_wheel(action):
-    return action >> 20 == y.MOUSE and action & 0xFFF >= y.WHEEL
+    return action >> 20 == MOUSE and action & 0xFFF >= WHEEL

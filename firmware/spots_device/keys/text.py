@@ -6,8 +6,8 @@ text. Modifiers that are down before it are released for its time. A step has 16
 """
 
 from .. import const
-from .layout import CONSUMER, KEYBOARD, MEDIA_FROM, NEXT_BITS, PRESS, RELEASE
-from .merge import KEYS_MAX, MODIFIERS_FROM
+from ..usb.usages import CAPS_LOCK_KEY, CONSUMER, KEYBOARD, KEYS_MAX, MODIFIERS_FROM, PLAIN
+from .layout import MEDIA_FROM, NEXT_BITS, PRESS, RELEASE
 from .switch import past
 
 _AT_ONCE = const(5)  # most steps between two readings; with USB HID, the outbox has room for five
@@ -99,7 +99,7 @@ class Text:
         if engine.caps is not None:
             action = engine.caps.shifted(action, self._kept_bits)
         bits = action >> 12 & 0xFF | self._kept_bits
-        if self._down and (bits != self._modifiers or not (self._down ^ action) & 0x1F00FFF):
+        if self._down and (bits != self._modifiers or not (self._down ^ action) & PLAIN):
             self._up()
             self._modify(bits)
             return False
@@ -113,7 +113,7 @@ class Text:
             return False
         self._bits = 0
         self._wait_t = engine.layout.text_t
-        if action & 0x1F00FFF == 0x700039:  # caps lock
+        if action & PLAIN == CAPS_LOCK_KEY:
             self._wait_t = max(self._wait_t, engine.least_t(action))
         return True
 

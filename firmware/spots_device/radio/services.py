@@ -7,7 +7,7 @@ of the serial port are those of Nordic's UART service, which terminals for phone
 from binascii import unhexlify
 
 from .. import __version__, const
-from ..keys.reports import REPORTS, with_report_id
+from ..usb.descriptors import REPORTS, with_report_id
 
 UART = "6e400001-b5a3-f393-e0a9-e50e24dcca9e"
 TO_BOARD = "6e400002-b5a3-f393-e0a9-e50e24dcca9e"
@@ -70,7 +70,6 @@ def register(ble, uuid, names, data):
     services = [
         (uuid(_DEVICE), ((uuid(_MAKER), _READ), (uuid(_REVISION), _READ), (uuid(_PNP), _READ)))
     ]
-    kinds = _kinds(names)
     if names:
         services.append((uuid(_HID), _characteristics(uuid, names)))
     if data:
@@ -90,21 +89,11 @@ def register(ble, uuid, names, data):
     ble.gatts_write(pnp, _PNP_ID)
     made = Handles()
     if names:
-        _fill(ble, numbers.pop(0), names, kinds, made)
+        _fill(ble, numbers.pop(0), names, made)
     if data:
         made.to_host, made.to_board = numbers.pop(0)
         ble.gatts_set_buffer(made.to_board, _RECEIVED_MAX, True)
     return made
-
-
-def _kinds(names):
-    # Descriptor and size of each interface's report.
-    kinds = dict(REPORTS)
-    if "mouse" in names:
-        from ..keys.mouse import MOUSE_DESCRIPTOR, MOUSE_SIZE
-
-        kinds["mouse"] = MOUSE_DESCRIPTOR, MOUSE_SIZE
-    return kinds
 
 
 def _received(names):
@@ -131,14 +120,14 @@ def _characteristics(uuid, names):
     return tuple(made)
 
 
-def _fill(ble, numbers, names, kinds, made):
+def _fill(ble, numbers, names, made):
     information, report_map, _, protocol = numbers[:4]
     ble.gatts_write(information, _HID_INFORMATION)
     ble.gatts_write(protocol, _REPORT_PROTOCOL)
-    ble.gatts_write(report_map, b"".join([with_report_id(kinds[n][0], _IDS[n]) for n in names]))
+    ble.gatts_write(report_map, b"".join([with_report_id(REPORTS[n][0], _IDS[n]) for n in names]))
     at = 4
     for name in names:
-        ble.gatts_write(numbers[at], bytes(kinds[name][1]))
+        ble.gatts_write(numbers[at], bytes(REPORTS[name][1]))
         ble.gatts_write(numbers[at + 1], bytes((_IDS[name], _INPUT)))
         made.reports[name] = numbers[at]
         at += 2

@@ -1,6 +1,6 @@
 """The radio of a running board: hosts come and go, bonds are stored, some commands are refused."""
 
-from ..keys.mouse import set_multipliers
+from ..usb.mouse import set_multipliers
 from .hosts import Keys, Ports
 from .peripheral import Radio
 

@@ -119,7 +119,7 @@ class KeyEngine:
         Parameters
         ----------
         number : int
-            Direction, see `spots_device.keys.layout.WHEEL`.
+            Direction, see `spots_device.usb.usages.WHEEL`.
         parts : int
             How far to scroll, in 120ths of a notch.
         """

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from spots_device.keys import layout as lines_of
-from spots_device.keys.merge import MODIFIERS_FROM
+from spots_device.usb.usages import MODIFIERS_FROM
 
 _FINGERS_MAX = 2  # all but one of them can hold a layer
 _STICKY = -1  # not the number of a kind of actions

@@ -4,8 +4,9 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from spots_device.keys.engine import Engine
-from spots_device.keys.layout import BEHAVIOUR, HOLD_TAP, KEYBOARD, action, parse
+from spots_device.keys.layout import BEHAVIOUR, HOLD_TAP, action, parse
 from spots_device.keys.merge import Merger
+from spots_device.usb.usages import KEYBOARD
 
 TERM_MS = 200
 _LENGTH_UM = 100_000

@@ -3,7 +3,7 @@
 from unicodedata import normalize
 
 from spots_device.keys import layout as lines_of
-from spots_device.keys.merge import KEYS_MAX
+from spots_device.usb.usages import KEYS_MAX
 
 from ..errors import SettingError, SpotsError
 from ..outputs.usages import (

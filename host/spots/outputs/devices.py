@@ -23,12 +23,12 @@ from .usages import KEYBOARD, MODIFIERS, MODIFIERS_FROM, USAGES, Usage, name_of
 
 TAP_S = LIMITS["tap_ms"][2] / 1000
 
-AXIS_MAX = 32_767  # as in the reports of `spots_device.keys.reports`
+AXIS_MAX = 32_767  # as in the reports of `spots_device.usb`
 BUTTONS = 16
 
 
 class State(NamedTuple):
-    """Axes and buttons of a gamepad, as in the reports of `spots_device.keys.reports`.
+    """Axes and buttons of a gamepad, as in the reports of `spots_device.usb`.
 
     Attributes
     ----------

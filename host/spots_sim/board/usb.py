@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 
-from spots_device.keys.mouse import MOUSE_SIZE, STATE_SIZE
+from spots_device.usb.descriptors import MOUSE_SIZE, STATE_SIZE
 
 from .protocol import protocol
 
@@ -13,7 +13,7 @@ class UsbHost:
     """A simulated USB host; each endpoint of the board stores one report until the host polls it.
 
     `reports` has the interface's number and the report. Reports that change nothing are left out:
-    the firmware repeats reports, see `spots_device.keys.usb_micropython`. A report of a mouse that
+    the firmware repeats reports, see `spots_device.usb.micropython`. A report of a mouse that
     moves is a change.
     """
 

@@ -16,7 +16,9 @@ from time import sleep_us, ticks_add, ticks_diff, ticks_us
 from machine import USBDevice
 
 from .. import const
-from .reports import REPORTS, is_pressed
+from ..runtime.modules import drop
+from .descriptors import STATE_SIZE
+from .reports import is_pressed
 
 _NO_BOOT = const(0)  # boot protocols of an interface, HID 1.11, section 4.3
 _BOOT_KEYBOARD = const(1)
@@ -226,6 +228,8 @@ def open_interfaces(names, show_leds):
     USB disconnects and connects again. ``show_leds(leds)`` shows the keyboard LEDs as the host has
     set them; bit 1 is caps lock.
     """
+    from . import descriptors
+
     device = USBDevice()
     # Without the built-in driver there would be no serial port, and no prompt.
     serial = USBDevice.BUILTIN_DEFAULT
@@ -233,17 +237,18 @@ def open_interfaces(names, show_leds):
     configuration = bytearray(serial.desc_cfg)
     for i in range(len(names)):
         number, endpoint = serial.itf_max + i, serial.ep_max + i | _IN
+        kind = descriptors.REPORTS[names[i]]
         if names[i] == "mouse":
-            from . import mouse
+            from .mouse import set_multipliers
 
-            kind = mouse.MOUSE_DESCRIPTOR, mouse.MOUSE_SIZE, _NO_BOOT
-            one = _Interface(device, number, endpoint, kind, mouse.set_multipliers)
-            one.state_size = mouse.STATE_SIZE
+            one = _Interface(device, number, endpoint, kind + (_NO_BOOT,), set_multipliers)
+            one.state_size = STATE_SIZE
         else:
             boot = _BOOT_KEYBOARD if names[i] == "keyboard" else _NO_BOOT
-            one = _Interface(device, number, endpoint, REPORTS[names[i]] + (boot,), show_leds)
+            one = _Interface(device, number, endpoint, kind + (boot,), show_leds)
         interfaces.append(one)
         configuration += one.descriptors
+    drop(descriptors)
     # wTotalLength and bNumInterfaces, USB 2.0, section 9.6.3
     configuration[2] = len(configuration) & 0xFF
     configuration[3] = len(configuration) >> 8

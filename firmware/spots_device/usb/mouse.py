@@ -8,23 +8,10 @@ Integers only; allocates nothing after construction.
 from array import array
 
 from .. import const
+from .descriptors import MOUSE_SIZE
 from .reports import Outbox
+from .usages import NOTCH, WHEEL
 
-MOUSE_SIZE = 7
-STATE_SIZE = 1  # bytes of a report before the movements
-MOUSE_DESCRIPTOR = (
-    b"\x05\x01\x09\x02\xa1\x01\x09\x01\xa1\x00"  # generic desktop, mouse, application; pointer
-    b"\x05\x09\x19\x01\x29\x08\x15\x00\x25\x01\x75\x01\x95\x08\x81\x02"  # buttons 1 to 8
-    b"\x05\x01\x09\x30\x09\x31\x15\x81\x25\x7f\x75\x08\x95\x02\x81\x06"  # X, Y, which stay 0
-    b"\xa1\x02\x09\x48\x15\x00\x25\x01\x35\x01\x45\x78\x75\x02\x95\x01\xb1\x02"  # multiplier, 120
-    b"\x09\x38\x16\x01\x80\x26\xff\x7f\x35\x00\x45\x00\x75\x10\x81\x06\xc0"  # wheel
-    b"\xa1\x02\x09\x48\x15\x00\x25\x01\x35\x01\x45\x78\x75\x02\xb1\x02"  # multiplier, 120
-    b"\x35\x00\x45\x00\x75\x04\xb1\x03"  # four bits that are 0
-    b"\x05\x0c\x0a\x38\x02\x16\x01\x80\x26\xff\x7f\x75\x10\x81\x06\xc0"  # horizontal wheel
-    b"\xc0\xc0"
-)
-NOTCH = 120  # parts of a notch
-_WHEEL = const(9)  # see `layout.WHEEL`
 _WHEELS = const(3)  # offset of the two wheels in a report; each has 16 bits
 _MOST = const(32_767)
 
@@ -52,8 +39,8 @@ class MouseReports:
         self._report = bytearray(MOUSE_SIZE)
 
     def key(self, number, modifiers, pressed):
-        """Process the press or release of a button, or a notch of a wheel; see `layout.MOUSE`."""
-        if number >= _WHEEL:
+        """Process the press or release of a button, or a notch of a wheel; see `usages.MOUSE`."""
+        if number >= WHEEL:
             if pressed:
                 self.scroll(number, NOTCH)
             return
@@ -64,9 +51,9 @@ class MouseReports:
         self.unsent = True
 
     def scroll(self, number, parts):
-        """Scroll by 120ths of a notch in the direction `number`, see `layout.WHEEL`."""
-        axis = number - _WHEEL >> 1
-        up_or_right = number == _WHEEL or number == _WHEEL + 3
+        """Scroll by 120ths of a notch in the direction `number`, see `usages.WHEEL`."""
+        axis = number - WHEEL >> 1
+        up_or_right = number == WHEEL or number == WHEEL + 3
         self._remainder[axis] += parts if up_or_right else -parts
         self.unsent = True
 

@@ -14,7 +14,7 @@ asleep sends a report without keys, at most every 64 s.
 import supervisor
 import usb_hid
 
-from .reports import REPORTS, is_pressed, with_report_id
+from .reports import is_pressed
 
 # HID usage page and usage that identify a device.
 _USAGES = {
@@ -43,21 +43,16 @@ def _device(name):
         return usb_hid.Device.KEYBOARD
     if name == "consumer":
         return usb_hid.Device.CONSUMER_CONTROL
-    if name == "mouse":
-        from .mouse import MOUSE_DESCRIPTOR, MOUSE_SIZE
+    from .descriptors import REPORTS, with_report_id
 
-        return _make(name, MOUSE_DESCRIPTOR, MOUSE_SIZE, 1)
-    return _make(name, *REPORTS[name])
-
-
-def _make(name, descriptor, size, received_size=0):
+    descriptor, size = REPORTS[name]
     return usb_hid.Device(
         report_descriptor=with_report_id(descriptor, _IDS[name]),
         usage_page=_USAGES[name][0],
         usage=_USAGES[name][1],
         report_ids=(_IDS[name],),
         in_report_lengths=(size,),
-        out_report_lengths=(received_size,),
+        out_report_lengths=(1 if name == "mouse" else 0,),
     )
 
 

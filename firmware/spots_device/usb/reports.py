@@ -1,4 +1,4 @@
-"""HID reports of keyboard, media keys, system keys and gamepad, and a queue of reports to the host.
+"""HID reports of keyboard, media keys and system keys, and a queue of reports to the host.
 
 The queue works with any USB stack that has a function ``send(report) -> bool``. The function must
 not wait; it returns True if the stack has accepted the report. Integers only; allocates nothing
@@ -10,64 +10,15 @@ than 0.5 s is dropped. A release never becomes stale.
 """
 
 from array import array
-from struct import pack_into
 
 from .. import const
-from .merge import KEYS_MAX
+from .descriptors import ONE_KEY_SIZE, REPORT_SIZE
+from .usages import KEYS_MAX, MODIFIERS_FROM
 
-REPORT_SIZE = 8
-CAPS_LOCK = 2  # bit of caps lock in a keyboard's output report; HID usage tables, LED page
-_MODIFIERS_FROM = 0xE0  # usages from here on are bits of the first byte
-ONE_KEY_SIZE = 2
 WAITING_MAX = 16  # eight quick presses with their releases
 _ROOM = const(10)  # most reports in a queue that has room for those of one event, at most six
 _STALE = 488  # age in ticks of 1024 us: 0.5 s
 _TICKS_MASK = 0x3FFFFF  # ticks have 22 bits, see `frame.Time32.ticks`
-
-# Boot keyboard, USB HID 1.11, appendices B.1 and E.6: modifiers, a byte that is 0, six usages.
-KEYBOARD_DESCRIPTOR = (
-    b"\x05\x01\x09\x06\xa1\x01"  # generic desktop, keyboard, application
-    b"\x05\x07\x19\xe0\x29\xe7\x15\x00\x25\x01\x75\x01\x95\x08\x81\x02"  # eight modifiers
-    b"\x75\x08\x95\x01\x81\x01"  # a byte that is 0
-    b"\x05\x08\x19\x01\x29\x05\x75\x01\x95\x05\x91\x02\x75\x03\x95\x01\x91\x01"  # LEDs, from host
-    b"\x05\x07\x19\x00\x29\xdd\x15\x00\x26\xdd\x00\x75\x08\x95\x06\x81\x00"  # six usages
-    b"\xc0"
-)
-# One key at a time, such as volume or play, by its usage; 0 means no key.
-CONSUMER_DESCRIPTOR = (
-    b"\x05\x0c\x09\x01\xa1\x01"  # consumer, consumer control, application
-    b"\x15\x00\x26\xff\x03\x19\x00\x2a\xff\x03\x75\x10\x95\x01\x81\x00"  # 16 bits
-    b"\xc0"
-)
-# Power down, sleep and wake up, one at a time; a value below the range means no key.
-SYSTEM_DESCRIPTOR = (
-    b"\x05\x01\x09\x80\xa1\x01"  # generic desktop, system control, application
-    b"\x16\x81\x00\x26\x83\x00\x19\x81\x29\x83\x75\x10\x95\x01\x81\x40"  # 16 bits
-    b"\xc0"
-)
-# X and Y, -32767 to 32767; Z, 0 to 32767; 16 buttons.
-GAMEPAD_DESCRIPTOR = (
-    b"\x05\x01\x09\x05\xa1\x01"  # generic desktop, gamepad, application
-    b"\x09\x30\x09\x31\x16\x01\x80\x26\xff\x7f\x75\x10\x95\x02\x81\x02"  # X, Y
-    b"\x09\x32\x15\x00\x26\xff\x7f\x75\x10\x95\x01\x81\x02"  # Z
-    b"\x05\x09\x19\x01\x29\x10\x15\x00\x25\x01\x75\x01\x95\x10\x81\x02"  # buttons 1 to 16
-    b"\xc0"
-)
-# For each name of an interface, its report descriptor and the size of a report; those of the mouse
-# are in mouse.py.
-REPORTS = {
-    "keyboard": (KEYBOARD_DESCRIPTOR, REPORT_SIZE),
-    "consumer": (CONSUMER_DESCRIPTOR, ONE_KEY_SIZE),
-    "system": (SYSTEM_DESCRIPTOR, ONE_KEY_SIZE),
-    "gamepad": (GAMEPAD_DESCRIPTOR, REPORT_SIZE),
-}
-_GAMEPAD = "<hhhH"
-_BUTTONS = 6  # offset of the buttons in a report
-
-
-def with_report_id(descriptor, report_id):
-    """Return a report descriptor with a report id (1 to 255), for a shared endpoint."""
-    return descriptor[:6] + bytes((0x85, report_id)) + descriptor[6:]
 
 
 class Outbox:
@@ -197,7 +148,7 @@ class KeyboardReports:
         if report[0] != modifiers:
             report[0] = modifiers
             self.unsent = True
-        if usage >= _MODIFIERS_FROM:
+        if usage >= MODIFIERS_FROM:
             return
         at = self._find(usage)
         if pressed == (at >= 0):
@@ -262,49 +213,3 @@ class OneKeyReports:
         self._report[0] = self._report[1] = 0
         self.unsent = False
         self.outbox.release()
-
-
-class GamepadReports:
-    """Turns axes and buttons of a gamepad into reports.
-
-    Each change of a button gets its own report. Changes of axes that still wait in the queue are
-    merged into one report.
-    """
-
-    unsent = False  # `update` sends each change itself
-
-    def __init__(self, send, ticks):
-        self.outbox = Outbox(send, ticks)
-        self._report = bytearray(REPORT_SIZE)
-        self._last = bytearray(REPORT_SIZE)
-
-    def update(self, x, y, z, buttons):
-        """Set the axes x and y (-32767 to 32767) and z (0 to 32767), and 16 bits of buttons."""
-        report, last = self._report, self._last
-        pack_into(_GAMEPAD, report, 0, x, y, z, buttons)
-        if _same(report, last, 0):
-            return
-        newest = self.outbox.newest()
-        if newest is not None and _same(report, newest, _BUTTONS):
-            _copy(report, newest)
-        elif not self.outbox.put(report):
-            return  # the next reading tries again
-        _copy(report, last)
-
-    def release(self):
-        """Release all buttons and centre all axes."""
-        for i in range(REPORT_SIZE):
-            self._last[i] = 0
-        self.outbox.release()
-
-
-def _same(one, other, start):
-    bits = 0
-    for i in range(start, REPORT_SIZE):
-        bits |= one[i] ^ other[i]
-    return bits == 0
-
-
-def _copy(source, target):
-    for i in range(REPORT_SIZE):
-        target[i] = source[i]

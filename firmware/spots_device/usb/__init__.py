@@ -1,0 +1,1 @@
+"""USB HID: reports, their descriptors, and the USB stack of each runtime."""
