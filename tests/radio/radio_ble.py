@@ -102,6 +102,7 @@ class Ble:
     ) -> list[tuple[Attribute, list[int]]]:
         rows: list[tuple[Attribute, list[int]]] = []
         for one, its_flags in descriptors:
+            its_flags &= 0xFF  # NimBLE guards no descriptor
             handle: list[int] = []
             rows.append(
                 (

@@ -107,7 +107,7 @@ def _received(names):
 
 
 def _characteristics(uuid, names):
-    reference = ((uuid(_REFERENCE), _READ | _READ_SAFE),)
+    reference = ((uuid(_REFERENCE), _READ),)  # NimBLE guards no descriptor
     made = [
         (uuid(_INFORMATION), _READ | _READ_SAFE),
         (uuid(_MAP), _READ | _READ_SAFE),
