@@ -283,13 +283,13 @@ def test_without_a_start_as_a_keyboard_keys_are_frames_and_a_note_says_so(rig, c
     reply = made.board.command("set keys=1")
     assert reply["keys"] == 1
     note = "save and reboot to make the board a USB keyboard; keys are sent as frames only"
-    assert reply["note"] == note
+    assert (reply["note"], reply["why"]) == (note, "needs_reboot")
     made.settle(0.3)
     made.press(ZONES_MM[0], 1500)
     assert keys_of(made.board.frames(0.15)) == [(ONE, True)]
     assert keys_of(made.board.frames(0.05)) == []
     # `push` has saved the layout, so it only asks for the reboot.
-    wanted = "reboot to make the board a USB keyboard; until then, keys are sent as frames only"
+    wanted = "reboot the board: until then, it is not the USB keyboard of this layout"
     assert push(made.board, load("digits")).note == wanted
     made.board.command("set keys=0")
     assert reports(made) == []
@@ -297,7 +297,9 @@ def test_without_a_start_as_a_keyboard_keys_are_frames_and_a_note_says_so(rig, c
 
 def test_without_a_calibration_a_note_says_so(rig):
     made = rig()
-    assert "need a calibration" in made.board.command("set keys=1")["note"]
+    reply = made.board.command("set keys=1")
+    assert "need a calibration" in reply["note"]
+    assert "why" not in reply  # a reboot does not suffice
     assert "note" not in made.board.command("set keys=0")
 
 

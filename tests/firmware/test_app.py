@@ -184,21 +184,25 @@ def test_a_sensor_that_returns_without_memory_for_keys_does_not_end_the_loop(mon
     board.app.outputs._layout = None
     monkeypatch.setattr(layout_module, "parse", full)
     board.find()
-    assert "no memory is left for keys" in board.app.apply_calibration()
+    assert "no memory is left for keys" in board.app.apply_calibration()["note"]
 
 
 def test_memory_that_ran_out_once_is_not_reported_for_ever(monkeypatch):
     board = Board(calibration=LINES)
     with monkeypatch.context() as patch:
         patch.setattr(layout_module, "parse", full)
-        assert "no memory is left for keys" in board.command("set keys=1")["note"]
+        reply = board.command("set keys=1")
+        assert "no memory is left for keys" in reply["note"]
+        assert reply["why"] == "needs_reboot"
     assert "no memory" not in board.command("set keys=1")["note"]
 
 
 def test_a_fault_of_usb_is_reported_only_to_who_wants_it():
     Store().save([("settings", ["keys=1"])])
     board = Board(usb=Usb("this board has no USB today"), calibration=LINES)
-    assert "no USB today" in board.command("set keys=1")["note"]
+    reply = board.command("set keys=1")
+    assert "no USB today" in reply["note"]
+    assert "why" not in reply  # no reboot mends it
     assert "note" not in board.command("set keys=0")
 
 
@@ -216,7 +220,7 @@ def test_a_search_without_memory_leaves_room_for_the_next_one(monkeypatch):
 def test_before_the_sensor_has_started_a_note_says_so():
     board = Board(calibration=LINES)
     board.app.reconnect.lost, board.app.reconnect.fault = True, None
-    note = board.app.apply_calibration()
+    note = board.app.apply_calibration()["note"]
     assert "None" not in note
     assert note == "the calibration is not in use until the sensor answers"
 
@@ -244,7 +248,7 @@ def test_without_a_computer_the_led_shows_what_the_strip_waits_for():
 def test_a_note_says_why_the_sensor_is_lost():
     board = Board(calibration=LINES)
     board.lose()
-    assert "until the sensor answers: the I2C bus failed" in board.app.apply_calibration()
+    assert "until the sensor answers: the I2C bus failed" in board.app.apply_calibration()["note"]
 
 
 def test_a_calibration_is_parsed_once_however_often_the_sensor_returns(monkeypatch):

@@ -9,7 +9,7 @@ from spots.keyboard.layout import load
 
 pytestmark = pytest.mark.board
 
-NOTES = ["this board has no USB keyboard; keys are sent as frames only"] * 2
+NOTES = [{"note": "this board has no USB keyboard; keys are sent as frames only"}] * 2
 PARSERS = {"spots_device.reading.calibration_lines", "spots_device.keys.layout"}
 
 

@@ -23,13 +23,6 @@ _FIRST = ["begin"], ["clear"]  # words of the first line of an upload
 _NO_MEMORY = "no memory is left for this command: reboot and try again"
 
 
-def noted(reply, note):
-    """Add `note` to the dict `reply` if the note is not empty; return the reply."""
-    if note:
-        reply["note"] = note
-    return reply
-
-
 class LineReader:
     """Assembles lines from single bytes in a buffer of fixed size."""
 
@@ -140,8 +133,8 @@ class Upload:
     what : str
         Name of the text in messages, such as ``calibration``.
     use : callable
-        ``use(lines) -> str or None`` uses the lines; an empty list removes the stored text. The
-        result is a note for the user, or None. It raises ValueError if the lines are invalid.
+        ``use(lines) -> dict`` uses the lines; an empty list removes the stored text. The result
+        becomes a part of the reply. It raises ValueError if the lines are invalid.
     stored : callable
         ``stored()`` returns the lines in use.
     """
@@ -179,7 +172,7 @@ class Upload:
             return {}
         if verb == "clear":
             self.forget()
-            return noted({}, self._use([]))
+            return self._use([])
         if verb == "lines" and self._lines is None:
             return self._lines_from(words)
         if self._lines is None:
@@ -190,7 +183,9 @@ class Upload:
         self.forget()
         if words[1:] != [checksum(lines)]:
             raise ValueError("the checksum differs: send the %s again" % self.what)
-        return noted({self.what: words[1]}, self._use(lines))
+        reply = {self.what: words[1]}
+        reply.update(self._use(lines))
+        return reply
 
     def _lines_from(self, words):
         # As many lines as fit into a reply. With their quotes, commas and the rest of the reply,
@@ -328,7 +323,8 @@ class Commands:
             strip.restart()
         reply = strip.settings.reply()
         reply["rate_mHz"] = strip.settings.rate_mHz()
-        return noted(reply, strip.apply_calibration())
+        reply.update(strip.apply_calibration())
+        return reply
 
     def _stream(self, strip, words):
         kinds = set(words[1:])
@@ -336,7 +332,11 @@ class Commands:
             raise ValueError("stream takes touch, spectrum, contact, or off")
         if "off" in kinds and len(kinds) > 1:
             raise ValueError("stream off takes no other word")
-        return noted({"stream": sorted(kinds)}, strip.strip.stream(kinds))
+        reply = {"stream": sorted(kinds)}
+        note = strip.strip.stream(kinds)
+        if note:
+            reply["note"] = note
+        return reply
 
     def _dark(self, strip, words):
         strip.replies.check_unclaimed()

@@ -73,15 +73,23 @@ class Interfaces:
         self.pressing = tuple(self.by_kind.values())
 
     def missing(self, wanted):
-        """Return a sentence if one of the names in `wanted` is not open, else None."""
-        missing = [name for name in wanted if name not in self.by_name]
+        """Find what is not open of the names in `wanted`.
+
+        Returns
+        -------
+        str or None
+            Sentence that says why; None if all are open.
+        bool
+            Whether a restart opens them.
+        """
+        missing = " and ".join([name for name in wanted if name not in self.by_name])
         if not missing:
-            return None
+            return None, False
         if self.fault:
-            return self.fault
+            return self.fault, False
         if self._usb is None:
-            return "this board has no USB %s" % " and ".join(missing)
-        return "save and reboot to make the board a USB %s" % " and ".join(missing)
+            return "this board has no USB " + missing, False
+        return "save and reboot to make the board a USB " + missing, True
 
     def pump(self):
         """Offer the oldest report of each queue to the host; return True if no report waits.

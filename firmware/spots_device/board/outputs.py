@@ -60,6 +60,8 @@ class Outputs:
         Whether CONTACT frames are streamed.
     two : bool
         Whether two fingers may have caused the last reading.
+    needs_reboot : bool
+        Whether `note` has found that a reboot, after ``save``, makes everything work.
     is_object : bool
         Whether the touch has not moved for the layout's ``stuck_ms``: it is then treated as an
         object, not as a finger.
@@ -73,6 +75,7 @@ class Outputs:
         self._interfaces = interfaces
         self.is_object = self.two = self.streams_contacts = False
         self._memory_fault = None
+        self.needs_reboot = False
         self._keypad = self._layout = None
         self._contacts = None  # `contacts.Fingers` while contacts are streamed
         # Those in use. The tracker is that of the keypad, or without keys that of the contacts.
@@ -171,19 +174,15 @@ class Outputs:
             One or more sentences for the user; None if everything works.
         """
         wanted = self.wanted()
-        if not wanted:
-            return self._memory_fault
-        notes = []
-        if calibration is None:
-            notes.append("keys and gamepad need a calibration")
-        missing = self._interfaces.missing(wanted)
-        if self._memory_fault:
-            notes.append(self._memory_fault)
-        if missing:
-            notes.append(missing)
+        missing, opens = self._interfaces.missing(wanted)
+        self.needs_reboot = bool(opens or self._memory_fault)
+        notes = [self._memory_fault, missing]
+        if wanted and calibration is None:
+            notes.insert(0, "keys and gamepad need a calibration")
+            self.needs_reboot = False  # it is not all
         if self._keys_on and "keyboard" not in self._interfaces.by_name:
             notes.append("keys are sent as frames only")
-        return "; ".join(notes) or None
+        return "; ".join(filter(None, notes)) or None
 
     def take(self, state):
         """Pass a reading to the keypad, the contacts and the gamepad. Allocates nothing.

@@ -10,7 +10,7 @@ from .. import const
 from ..reading.calibration import CalibrationSlot
 from ..reading.strip import Strip
 from ..sensor.exposure import DONE, TOO_DARK
-from .command import Replies, Upload, noted
+from .command import Replies, Upload
 from .outputs import Outputs, check_layout
 from .reconnect import Reconnect
 from .settings import BoardSettings, checksum
@@ -91,11 +91,12 @@ class StripApp:
 
     def search_done(self, outcome):
         """Reply to the command ``autoexpose``; `outcome` is that of `search.Search.step`."""
-        note = self.apply_calibration()
+        notes = self.apply_calibration()
         error = "too bright at the least gain and LED current; shade the sensor"
         reply = {"error": error, "why": "too_bright"}
         if outcome == DONE:
-            reply = noted(self.settings.reply(), note)
+            reply = self.settings.reply()
+            reply.update(notes)
         elif outcome == TOO_DARK:
             reply["error"] = "too dark at full gain and LED current; press harder, check the LED"
             reply["why"] = "too_dark"
@@ -111,8 +112,8 @@ class StripApp:
 
         Returns
         -------
-        str or None
-            Note for the user, see `apply_calibration`.
+        dict
+            As from `apply_calibration`.
 
         Raises
         ------
@@ -144,15 +145,20 @@ class StripApp:
 
         Returns
         -------
-        str or None
-            Note for the user: why the calibration is not used, or why keys or gamepad do not work
-            although they are switched on. None if everything works.
+        dict
+            What to add to the reply: ``note``, why the calibration is not used, or why keys or
+            gamepad do not work although they are switched on; and ``why``, if ``save`` and
+            ``reboot`` are all that it takes. Empty if everything works.
         """
         self.board.time.update()
         self.outputs.release()  # before `use_stored`, because its calls nest deeply
         notes = self.use_stored(), self.outputs.note(self.strip.decode.calibration)
         gc.collect()  # frees the garbage of parsing
-        return "; ".join(filter(None, notes)) or None
+        note = "; ".join(filter(None, notes))
+        found = {"note": note} if note else {}
+        if self.outputs.needs_reboot:
+            found["why"] = "needs_reboot"
+        return found
 
     def use_stored(self):
         """Use the stored calibration if it is valid for the settings.

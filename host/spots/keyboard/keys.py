@@ -91,9 +91,8 @@ def push(board: Board, layout: KeyLayout, expose: bool = False) -> Pushed:
     reply = ensured(board, line)
     note = reply.get("note")
     ensured(board, "save")
-    if note and "save and reboot" in note:
-        note = note.replace("save and reboot", "reboot")
-        note = note.replace("; keys are", "; until then, keys are")
+    if reply.get("why") == "needs_reboot":  # it is saved already
+        note = "reboot the board: until then, it is not the USB keyboard of this layout"
     known = expose and calibration
     return Pushed(note, sentence(reply["exposure_us"], chosen_us) if known else None)
 

@@ -48,12 +48,14 @@ class Changed(Settings, total=False):
     """The reply to ``set`` and ``autoexpose``: all settings after the change.
 
     ``note`` is only present as a warning that the calibration is not used, or that keys or gamepad
-    do not work. ``rate_mHz`` is the rate that exposure and ``average`` allow, in readings per
+    do not work; ``why`` is then "needs_reboot" if ``save`` and ``reboot`` are all that it takes.
+    ``rate_mHz`` is the rate that exposure and ``average`` allow, in readings per
     1000 s; `Board.rate_hz` is what arrives.
     """
 
     rate_mHz: _Number
     note: str
+    why: str
 
 
 class Hello(Settings):
