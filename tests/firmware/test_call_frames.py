@@ -34,16 +34,18 @@ EACH_SAMPLE = {
     "fingers/tracker": "take",
     "keys/caps": "press shifted",
     "keys/dance": "press released beside tick forget _decide",
-    "keys/engine": "press release_one firm move tick run forget is_certain same_key layer _put "
+    "keys/engine": "press release_one firm move tick run forget is_certain same_key _put "
     "_follow _remove _next _beside _do _let_go _begin _open_at _tap _prepare _decide _is_hold "
     "close _press_firmly _tap_due _act click then _perform _start _is_late "
-    "_switch_layer _press_key _behave _end _row_at _again_at _is_near _is_on_one",
+    "_press_key typed _end _row_at _again_at _is_near _is_on_one",
     "keys/keypad": "tick until down at firm up next second left stuck _wait _press_waiting",
+    "keys/layers": "top press hold",
     "keys/merge": "press release mask _hold _wanted _set _switch _report _find",
     "keys/moves": "move _may_swipe _swipe _step _slide _action",
     "keys/morph": "press released",
     "keys/repeat": "press pressed",
     "usb/reports": "key flush put pump expire has_room _append",
+    "keys/switch": "free place past",
     "keys/sticky": "press release pressed tick forget holds _finish _change",
     "reading/frame": "send _send_body",
     "reading/kernel": "process _add _stamp estimate _take_logs _locate _beyond _judge "

@@ -348,7 +348,7 @@ def test_a_swipe_is_that_of_the_layer_for_the_next_key():
 def test_a_key_is_released_as_it_was_pressed_whatever_layer_is_on():
     desk = layers(action(TOGGLE, 1))
     desk.press(80)
-    desk.pad.engine._on = 2
+    desk.pad.engine.layers.clear(2)
     desk.lift()
     assert desk.events == clicks(A)
 

@@ -19,7 +19,7 @@ _DELETE = const(0x4C)
 _SHIFTED = const(2)
 
 
-class CapsWord:
+class Caps:
     """The caps word of an `engine.Engine`."""
 
     def __init__(self, engine):
@@ -31,7 +31,7 @@ class CapsWord:
         """Switch it off."""
         self._on = False
 
-    def press(self, n):
+    def press(self, i, n, t):
         """Switch it on or off; `n` is the index of its behaviour."""
         self._n = n
         self._on = not self._on

@@ -20,11 +20,11 @@ class Dance:
 
     def press(self, i, n, t):
         """Count a tap of the behaviour at the index `n` with the switch `i`."""
-        self._engine.set_action(i, 0)
+        self._engine.switches.action[i] = 0
         if self._which != n:
             self._decide(t)
         self._which = n
-        self._row = self._engine.row_of(i)
+        self._row = self._engine.switches.row[i]
         self._of = i
         self._since = t
         self._taps += 1

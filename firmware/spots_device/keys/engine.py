@@ -39,7 +39,8 @@ from .. import const
 from ..usb.usages import CAPS_LOCK_KEY, KEYBOARD, MODIFIERS_FROM, PLAIN
 from . import layout as y
 from . import switch as w
-from .switch import past
+from .layers import Layers
+from .switch import Switches, past
 
 _QUEUE = const(16)  # events
 
@@ -77,14 +78,13 @@ class Engine:
         self.merger = merger
         self.layout = None
         self._length_mm = 1
-        self._most = 0
+        self.switches = None
         self._make_switches(w.SWITCHES, _QUEUE)
-        self._momentary = bytearray(y.LAYERS_MAX)  # switches that hold each layer
+        self.layers = Layers()
         self._brief = array("i", bytes(8 * _BRIEF))  # tapped keys: action, or 0, and ticks
         self._briefs = 0  # how many
         self._t = _NONE
-        self._sticky = self._dance = self._morph = self._repeat = self.caps = self._moves = None
-        self._text = None
+        self._set_behaviours({})
         self._clear()
 
     def set_layout(self, layout, length_um):
@@ -98,91 +98,91 @@ class Engine:
             self.layout = layout
 
     def _make_behaviours(self, layout):
-        self._sticky = self._dance = self._morph = self._repeat = self.caps = self._moves = None
-        self._text = None
+        # Class of each kind; its module has the same name. Its method ``press(i, n, t)`` presses
+        # the behaviour at the index `n` of the layout with the switch `i`.
+        table = {
+            y.STICKY: "Sticky",
+            y.TAP_DANCE: "Dance",
+            y.MOD_MORPH: "Morph",
+            y.KEY_REPEAT: "Repeat",
+            y.CAPS_WORD: "Caps",
+            y.TEXT: "Text",
+        }
+        self._set_behaviours({})
+        made = {}
         # A board has no memory for behaviours that its layout does not use.
+        for kind in layout.kinds:
+            name = table.get(kind)
+            if name:
+                module = __import__("spots_device.keys." + name.lower(), None, None, (name,))
+                made[kind] = getattr(module, name)(self)
+        self._set_behaviours(made)
         if layout.moves:
             from .moves import Moves
 
             self._moves = Moves(self)
-        for kind in layout.kinds:
-            if kind == y.STICKY:
-                from .sticky import Sticky
-
-                self._sticky = Sticky(self)
-            elif kind == y.TAP_DANCE:
-                from .dance import Dance
-
-                self._dance = Dance(self)
-            elif kind == y.MOD_MORPH:
-                from .morph import Morph
-
-                self._morph = Morph(self)
-            elif kind == y.KEY_REPEAT:
-                from .repeat import Repeat
-
-                self._repeat = Repeat(self)
-            elif kind == y.CAPS_WORD:
-                from .caps import CapsWord
-
-                self.caps = CapsWord(self)
-            elif kind == y.TEXT:
-                from .text import Text
-
-                self._text = Text(self)
         if self._text is None:
             self._make_switches(w.SWITCHES, _QUEUE)
         else:
             # A text takes seconds: room for touches meanwhile, each a press and a release.
             self._make_switches(w.MANY, 3 * w.MANY)
 
+    def _set_behaviours(self, made):
+        self._moves = None
+        self._made = made
+        self._sticky = made.get(y.STICKY)
+        self._dance = made.get(y.TAP_DANCE)
+        self._morph = made.get(y.MOD_MORPH)
+        self._repeat = made.get(y.KEY_REPEAT)
+        self.caps = made.get(y.CAPS_WORD)
+        self._text = made.get(y.TEXT)
+
     def _make_switches(self, most, places):
-        if most != self._most:
-            self._most = most
-            self._places = places
-            self.switches = array("i", bytes(4 * (most + 1) * w.SIZE))
+        if self.switches is None or most != self.switches.most:
             self._queue = array("i", bytes(4 * places * _EVENT))
+            self._places = places
+            self.switches = Switches(most)  # last: without memory, the next call makes both
 
     # Events of switches.
 
     def press(self, x_um, t):
         """Press a switch at `x_um` at the time `t`; return its number, or -1 if none is free."""
         # The call frames of this module have at most 11 words, see reading/strip.py.
-        i = self._free_one()
+        i = self.switches.free()
         if i < 0:
             return _NONE
-        self._place(i, x_um)
+        self.switches.place(i, x_um)
         if self._is_on_key(x_um, t):
             # Room for the releases of all switches is kept free.
             if not self._has_place():
                 return _NONE
-            self.switches[i * w.SIZE] = w.WAITS
+            self.switches.state[i] = w.WAITS
             self._put(_PRESS, i, x_um, t)
         else:
-            self.switches[i * w.SIZE] = w.SEEKS
+            self.switches.state[i] = w.SEEKS
         return i
 
     def release_one(self, i, t):
         """Release the switch `i` at the time `t`."""
-        if i >= 0 and self.switches[i * w.SIZE]:
+        if i >= 0 and self.switches.state[i]:
             self._put(_RELEASE, i, 0, t)
 
     def firm(self, i, t):
         """Report that the switch `i` is pressed firmly."""
-        if i >= 0 and w.WAITS <= self.switches[i * w.SIZE] <= w.OPEN and self._has_place():
+        if i >= 0 and w.WAITS <= self.switches.state[i] <= w.OPEN and self._has_place():
             self._put(_IS_FIRM, i, 0, t)
 
     def move(self, i, x_um, t):
         """Report the position of the switch `i`; return True if no further ones are needed."""
         if i < 0:
             return True
-        state = self.switches[i * w.SIZE]
+        state = self.switches.state[i]
         if state >= w.PRESSED:
             return True
         if state == w.SEEKS:
-            if self._row_at(self.layer, x_um) >= 0 and self._has_place():
-                self._place(i, x_um)
-                self.switches[i * w.SIZE] = w.WAITS
+            if self._row_at(self.layers.top(), x_um) >= 0 and self._has_place():
+                self.switches.place(i, x_um)
+                self.switches.state[i] = w.WAITS
                 self._put(_PRESS, i, x_um, t)
         elif state >= w.OPEN and self._moves is not None:
             self._moved = i
@@ -241,13 +241,12 @@ class Engine:
 
     def release(self):
         """Release all switches, drop all events, end caps word, and switch layers above 0 off."""
-        for i in range(self._most + 1):
-            at = i * w.SIZE
+        for i in range(self.switches.most + 1):
             # In this order: an interrupt in between must not hide a pressed key.
-            if self.switches[at + w.ACTION]:
+            if self.switches.action[i]:
                 self._end(i, 0)
-                self.switches[at + w.ACTION] = 0
-            self.switches[at] = w.FREE
+                self.switches.action[i] = 0
+            self.switches.state[i] = w.FREE
         if self.caps is not None:
             self.caps.forget()
         self._clear()
@@ -255,11 +254,11 @@ class Engine:
 
     def is_pressed(self, i):
         """Return whether the switch `i` is pressed or waits."""
-        return i >= 0 and self.switches[i * w.SIZE] > w.FREE
+        return i >= 0 and self.switches.state[i] > w.FREE
 
     def is_certain(self, x_um, slack_um):
         """Return whether the range `x_um` +- `slack_um` is on one key, where no finger is."""
-        if not self._is_on_one(self.layer, x_um, slack_um):
+        if not self._is_on_one(self.layers.top(), x_um, slack_um):
             return False
         if self._open >= 0 and self._hold >> 20 == y.MOMENTARY:
             return self._is_on_one(self._hold & 0xFFF, x_um, slack_um)
@@ -267,36 +266,11 @@ class Engine:
 
     def same_key(self, x_um, other_um):
         """Return whether two positions are on the same key, or both beside all keys."""
-        layer = self.layer
+        layer = self.layers.top()
         return self._row_at(layer, x_um) == self._row_at(layer, other_um)
 
-    @property
-    def layer(self):
-        """Number of the layer that the next press uses."""
-        bits = self._on
-        layer = y.LAYERS_MAX - 1
-        while layer:
-            if bits >> layer & 1 or self._momentary[layer]:
-                return layer
-            layer -= 1
-        return 0
-
-    def _free_one(self):
-        i = 0
-        while self.switches[i * w.SIZE]:
-            i += 1
-            if i == self._most:
-                return _NONE
-        return i
-
-    def _place(self, i, x_um):
-        at = i * w.SIZE
-        self.switches[at + w.ROW] = _NONE
-        self.switches[at + w.ACTION] = 0
-        self.switches[at + w.X_UM] = self.switches[at + w.STEP_UM] = x_um
-
     def _is_on_key(self, x_um, t):
-        if self._row_at(self.layer, x_um) >= 0 or self._again_at(x_um, t) >= 0:
+        if self._row_at(self.layers.top(), x_um) >= 0 or self._again_at(x_um, t) >= 0:
             return True
         return (
             self._open >= 0
@@ -305,7 +279,7 @@ class Engine:
         )
 
     def _has_place(self):
-        return self._count + self._most < self._places
+        return self._count + self.switches.most < self._places
 
     # The queue.
 
@@ -353,12 +327,8 @@ class Engine:
         # An event of another switch while a switch is open.
         kind = self._queue[at]
         i = self._queue[at + 1]
-        waits = self.switches[i * w.SIZE] == w.WAITS
-        if (
-            kind == _RELEASE
-            and not waits
-            and not _is_modifier(self.switches[i * w.SIZE + w.ACTION])
-        ):
+        waits = self.switches.state[i] == w.WAITS
+        if kind == _RELEASE and not waits and not _is_modifier(self.switches.action[i]):
             self._do(at)
             self._remove()
             return
@@ -382,13 +352,12 @@ class Engine:
         return True
 
     def _let_go(self, i, t):
-        at = i * w.SIZE
-        if self.switches[at + w.ACTION]:
+        if self.switches.action[i]:
             self._end(i, t)
-            self.switches[at + w.ACTION] = 0
+            self.switches.action[i] = 0
         if self._dance is not None:
             self._dance.released(i, t)
-        self.switches[at] = w.FREE
+        self.switches.state[i] = w.FREE
 
     # Decisions.
 
@@ -399,13 +368,13 @@ class Engine:
         """
         row = self._again_at(x_um, t)
         if row < 0:
-            row = self._row_at(self.layer, x_um)
+            row = self._row_at(self.layers.top(), x_um)
             if self._sticky is not None:
-                self._was_sticky = self._sticky.holds(self.layer)
+                self._was_sticky = self._sticky.holds(self.layers.top())
         if self._due >= 0:
             if row == self._due:
                 self._due = _NONE
-                self.switches[i * w.SIZE + w.ROW] = row
+                self.switches.row[i] = row
                 self._act(i, self.layout.keys[row + y.DOUBLE], t)
                 return True
             self._tap_due(t)  # it may switch the layer
@@ -416,17 +385,17 @@ class Engine:
         return True
 
     def _open_at(self, i, row, t):
-        at = i * w.SIZE
-        self.switches[at + w.ROW] = row
-        self.switches[at + w.BEGAN] = t
-        self.switches[at + w.LAYER] = self.layer
-        self.switches[at] = w.SEEKS
+        self.switches.row[i] = row
+        self.switches.began[i] = t
+        self.switches.layer[i] = self.layers.top()
+        self.switches.state[i] = w.SEEKS
         if row >= 0:
             self._prepare(row)
-            if not self._is_open(row) or (self._hold and self._is_quick(row, t)):
+            is_open = self.wait_t or self._slides(row)
+            if not is_open or (self._hold and self._is_quick(row, t)):
                 self._tap(i, row, t)
                 return
-            self.switches[at] = w.OPEN
+            self.switches.state[i] = w.OPEN
             self._open = i
         self._tapped = _NONE
 
@@ -458,14 +427,11 @@ class Engine:
 
     def _short_wait_t(self, row):
         layout = self.layout
-        swipes = self.swipes(self.layer)
+        swipes = self.swipes(self.layers.top())
         if self._slides(row):
             return layout.swipe_t if swipes else 0  # after it, no swipe is possible
         wait_t = layout.firm_t if layout.keys[row + y.FIRM] else 0
         return max(wait_t, layout.swipe_t) if swipes else wait_t
-
-    def _is_open(self, row):
-        return self.wait_t or self._slides(row)
 
     def _is_quick(self, row, t):
         if self._idle_t and self._key_t >= 0 and past(self._key_t, t) < self._idle_t:
@@ -473,11 +439,11 @@ class Engine:
         return row == self._tapped and past(self._tapped_t, t) < self._quick_t
 
     def _began_t(self):
-        return self.switches[self._open * w.SIZE + w.BEGAN]
+        return self.switches.began[self._open]
 
     def _decide(self, event, t):
         """Decide the open switch if `event` does."""
-        row = self.switches[self._open * w.SIZE + w.ROW]
+        row = self.switches.row[self._open]
         if self._hold and event != _OWN_UP:
             if self._is_hold(event):
                 if event == _TIMER and self._flavor & y.RETRO_TAP and not self._seen:
@@ -513,11 +479,11 @@ class Engine:
         i = self._open
         self._open = _NONE
         self._seen = 0
-        self.switches[i * w.SIZE] = w.OVER
+        self.switches.state[i] = w.OVER
         return i
 
     def _press_firmly(self, t):
-        action = self.layout.keys[self.switches[self._open * w.SIZE + w.ROW] + y.FIRM]
+        action = self.layout.keys[self.switches.row[self._open] + y.FIRM]
         if action:
             self._act(self.close(), action, t)
 
@@ -547,7 +513,7 @@ class Engine:
         # Processes the last movement of a switch, one step at a time.
         i = self._moved
         if not (
-            w.OPEN <= self.switches[i * w.SIZE] <= w.SLIDING
+            w.OPEN <= self.switches.state[i] <= w.SLIDING
             and self._moves.move(i, self._moved_um, self._moved_t)
         ):
             self._moved = _NONE
@@ -556,7 +522,7 @@ class Engine:
 
     def _act(self, i, action, t):
         """Press an action next; the switch `i` then holds it."""
-        self.switches[i * w.SIZE] = w.PRESSED
+        self.switches.state[i] = w.PRESSED
         self.then(i, action, t)
 
     def then(self, i, action, t):
@@ -570,8 +536,8 @@ class Engine:
 
     def click(self, row, action, t):
         """Press and release an action of the key `row` next, for no switch."""
-        self.switches[self._most * w.SIZE + w.ROW] = row
-        self.then(self._most, action, t)
+        self.switches.row[self.switches.most] = row
+        self.then(self.switches.most, action, t)
 
     def _perform(self):
         # Presses the stored action.
@@ -582,35 +548,26 @@ class Engine:
         self._start(i, action, t)
         if self._next_action < 0:
             self.hidden = 0
-        if self._next_of != i and self.switches[i * w.SIZE] != w.PRESSED:
+        if self._next_of != i and self.switches.state[i] != w.PRESSED:
             self._end(i, t)
-            self.switches[i * w.SIZE + w.ACTION] = 0
+            self.switches.action[i] = 0
             if self._dance is not None:
                 self._dance.released(i, t)
 
     def _start(self, i, action, t):
-        kind = action >> 20
-        self.switches[i * w.SIZE + w.ACTION] = action
-        if kind == y.BEHAVIOUR:
-            self._behave(i, action & 0xFFF, t)
-        elif kind >= KEYBOARD:
-            self._press_key(i, action, t)
-        elif kind:
-            self._switch_layer(kind, action & 0xFFF)
-
-    def _switch_layer(self, kind, number):
-        if kind == y.MOMENTARY:
-            self._momentary[number] += 1
-        elif kind == y.TOGGLE:
-            self._on ^= 1 << number
-        elif kind == y.TO:
-            if self._sticky is not None:
+        self.switches.action[i] = action
+        if action >> 20 == y.BEHAVIOUR:
+            n = self.layout.behaviour(action & 0xFFF)
+            self._made[self.layout.behaviours[n]].press(i, n, t)
+        elif action >> 20 >= KEYBOARD:
+            self.typed(self._press_key(i, action), t)
+        elif action:
+            if action >> 20 == y.TO and self._sticky is not None:
                 self._sticky.forget()
-            self._on = 1 << number
-            for each in range(y.LAYERS_MAX):
-                self._momentary[each] = 0
+            self.layers.press(action >> 20, action & 0xFFF)
 
-    def _press_key(self, i, action, t):
+    def _press_key(self, i, action):
+        # Returns the action that is pressed, or 0.
         if self.caps is not None:
             action = self.caps.shifted(action, self.merger.held())
         self._end_taps(_MODIFIERS)  # a tapped modifier is not for another key
@@ -618,52 +575,31 @@ class Engine:
             self._end_taps(_ALL)  # for a place
             if not self.merger.press(self.sink, action, self.hidden):
                 action = 0
-        self.switches[i * w.SIZE + w.ACTION] = action
-        self.switches[i * w.SIZE + w.BEGAN] = self._t
+        self.switches.action[i] = action
+        self.switches.began[i] = self._t
+        return action
+
+    def typed(self, action, t):
+        """Follow the press of a key or a text."""
         is_modifier = _is_modifier(action)
         if not is_modifier:
             self._key_t = t
-            if self._repeat is not None and action >> 20 == KEYBOARD:
-                self._repeat.pressed(action | self.merger.down << 12)
+            if self._repeat is not None:
+                self._repeat.pressed(action)
         if self._sticky is not None:
             self._sticky.pressed(is_modifier)
 
-    def _begin_text(self, n, number, t):
-        self._text.press(n)
-        self._key_t = t
-        if self._repeat is not None:
-            self._repeat.pressed(y.BEHAVIOUR << 20 | number)
-        if self._sticky is not None:
-            self._sticky.pressed(False)
-
-    def _behave(self, i, number, t):
-        n = self.layout.behaviour(number)
-        kind = self.layout.behaviours[n]
-        if kind == y.STICKY:
-            self._sticky.press(i, n, t)
-        elif kind == y.TAP_DANCE:
-            self._dance.press(i, n, t)
-        elif kind == y.MOD_MORPH:
-            self._morph.press(i, n, t)
-        elif kind == y.KEY_REPEAT:
-            self._repeat.press(i, t)
-        elif kind == y.CAPS_WORD:
-            self.caps.press(n)
-        elif kind == y.TEXT:
-            self._begin_text(n, number, t)
-
     def _end(self, i, t):
         # Releases the action of the switch `i`; the caller then clears it.
-        action = self.switches[i * w.SIZE + w.ACTION]
+        action = self.switches.action[i]
         kind = action >> 20
         if kind == y.MOMENTARY:
-            if self._momentary[action & 0xFFF]:
-                self._momentary[action & 0xFFF] -= 1
+            self.layers.hold(action & 0xFFF, -1)
         elif kind == y.BEHAVIOUR:
             if self._sticky is not None:
                 self._sticky.release(i, t)
         elif kind >= KEYBOARD:
-            self.release_later(action, self.switches[i * w.SIZE + w.BEGAN])
+            self.release_later(action, self.switches.began[i])
         if self._morph is not None:
             self._morph.released(i)
 
@@ -703,18 +639,6 @@ class Engine:
                 b[k] = b[2 * self._briefs]
                 b[k + 1] = b[2 * self._briefs + 1]
 
-    def row_of(self, i):
-        """Return the row of the key of the switch `i`."""
-        return self.switches[i * w.SIZE + w.ROW]
-
-    def set_action(self, i, action):
-        """Set the action that the switch `i` holds; used by behaviours."""
-        self.switches[i * w.SIZE + w.ACTION] = action
-
-    def layer_on(self, number, change):
-        """Change by `change` how many holders the layer `number` has."""
-        self._momentary[number] = max(0, self._momentary[number] + change)
-
     # Keys and their positions.
 
     def _row_at(self, layer, x_um):
@@ -748,12 +672,12 @@ class Engine:
             row = self._tapped
             if row < 0 or past(self._tapped_t, t) >= max(self.layout.quick_tap_t, self._quick_t):
                 return _NONE
-            if not (self._was_sticky or self.layout.is_on(self.layer, row)):
+            if not (self._was_sticky or self.layout.is_on(self.layers.top(), row)):
                 return _NONE
         if self._is_near(row, x_um) and (
             self.layout.keys[row + y.HOLD]
             or self.layout.keys[row + y.DOUBLE]
-            or self._row_at(self.layer, x_um) < 0
+            or self._row_at(self.layers.top(), x_um) < 0
         ):
             return row
         return _NONE
@@ -795,9 +719,8 @@ class Engine:
         self._tapped_t = self._due_t = 0
         self._key_t = _NONE
         self._was_sticky = False
-        self._on = self.hidden = 0
-        for i in range(y.LAYERS_MAX):
-            self._momentary[i] = 0
+        self.hidden = 0
+        self.layers.clear()
 
 
 def _is_modifier(action):

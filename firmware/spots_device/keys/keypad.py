@@ -61,7 +61,7 @@ class Keypad:
     @property
     def layer(self):
         """Number of the layer that the next touch uses."""
-        return self.engine.layer
+        return self.engine.layers.top()
 
     def release(self):
         """Release all keys; a finger that still touches presses no key until it is lifted."""

@@ -25,7 +25,7 @@ class Moves:
         """
         if not self._may_swipe(i, t):
             return self._step(i, x_um, t)
-        off_um = x_um - self._engine.switches[i * w.SIZE + w.X_UM]
+        off_um = x_um - self._engine.switches.x_um[i]
         if abs(off_um) >= self._engine.layout.swipe_um:
             self._engine.close()
             self._swipe(i, off_um > 0, t)
@@ -33,22 +33,21 @@ class Moves:
 
     def _may_swipe(self, i, t):
         s = self._engine.switches
-        at = i * w.SIZE
         return (
-            s[at] == w.OPEN
+            s.state[i] == w.OPEN
             and self._engine.wait_t
-            and self._engine.swipes(s[at + w.LAYER])
-            and past(s[at + w.BEGAN], t) < self._engine.layout.swipe_t
+            and self._engine.swipes(s.layer[i])
+            and past(s.began[i], t) < self._engine.layout.swipe_t
         )
 
     def _swipe(self, i, plus, t):
         engine = self._engine
-        action = engine.layout.swipe(engine.switches[i * w.SIZE + w.LAYER], plus)
+        action = engine.layout.swipe(engine.switches.layer[i], plus)
         engine.then(i, action, t)
 
     def _step(self, i, x_um, t):
-        off_um = x_um - self._engine.switches[i * w.SIZE + w.STEP_UM]
-        if self._engine.switches[i * w.SIZE] == w.SLIDING and self._turn(i, off_um):
+        off_um = x_um - self._engine.switches.step_um[i]
+        if self._engine.switches.state[i] == w.SLIDING and self._turn(i, off_um):
             return False
         slide_um = self._engine.layout.slide_um
         if abs(off_um) < slide_um:
@@ -58,13 +57,13 @@ class Moves:
     def _slide(self, i, um, t):
         s = self._engine.switches
         action = self._action(i, um > 0)
-        if s[i * w.SIZE] == w.OPEN:
+        if s.state[i] == w.OPEN:
             if not action:
                 return False
             self._engine.close()
-            s[i * w.SIZE] = w.SLIDING
+            s.state[i] = w.SLIDING
         if not _is_wheel(action):
-            s[i * w.SIZE + w.STEP_UM] += um
+            s.step_um[i] += um
             self._engine.then(i, action, t)
         return True
 
@@ -76,14 +75,16 @@ class Moves:
         slide_um = self._engine.layout.slide_um
         parts = abs(off_um) * NOTCH // slide_um
         um = (parts * slide_um + (NOTCH >> 1)) // NOTCH
-        self._engine.switches[i * w.SIZE + w.STEP_UM] += um if off_um > 0 else -um
+        self._engine.switches.step_um[i] += um if off_um > 0 else -um
         if parts:
             self._engine.sink.scroll(action & 0xFFF, parts)
         return True
 
     def _action(self, i, plus):
         engine = self._engine
-        return engine.layout.keys[engine.row_of(i) + (y.SLIDE_PLUS if plus else y.SLIDE_MINUS)]
+        return engine.layout.keys[
+            engine.switches.row[i] + (y.SLIDE_PLUS if plus else y.SLIDE_MINUS)
+        ]
 
 
 def _is_wheel(action):

@@ -94,7 +94,7 @@ class Sticky:
         engine = self._engine
         action = engine.layout.behaviours[n + 2]
         if self._is_layer(n):
-            engine.layer_on(action & 0xFFF, change)
+            engine.layers.hold(action & 0xFFF, change)
         elif change > 0:
             engine.merger.press(engine.sink, action)
         else:

@@ -25,7 +25,7 @@ class Text:
         self._modifiers = self._kept_bits = 0  # that are down; those until the end
         self._t = self._since = self._wait_t = self._left = 0
 
-    def press(self, n):
+    def press(self, i, n, t):
         """Begin with the text of the behaviour at the index `n`."""
         engine = self._engine
         b = engine.layout.behaviours
@@ -35,6 +35,7 @@ class Text:
         self._drops = engine.merger.drops
         self.busy = True
         engine.merger.replace(engine.sink, 0)
+        engine.typed(engine.switches.action[i], t)
 
     def tick(self, t):
         """Allow steps at the time `t` in ticks."""
