@@ -151,7 +151,7 @@ def test_the_largest_counts_fit_small_integers():
                 base._after[i] = 4 * lit[i]
                 made.dark.window[i] = 4 * dark[i]
             assert base._is_steady()
-            base._follow()
+            base._follow_gap()
     for i in range(6):
         base._before[i], base._after[i] = 0, 4 * FULL
     assert not base._is_steady()

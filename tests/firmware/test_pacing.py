@@ -98,9 +98,9 @@ class FifoRun(Run):
         waits = done - self.taken
         self.now += BURST_US
         self.polls += 1
-        self.sure += pacing.sure > 0
+        self.sure += pacing.sure_polls > 0
         if not waits:
-            self.wrong += pacing.sure > 0
+            self.wrong += pacing.sure_polls > 0
             pacing.early(asked)
             return
         self.taken = done

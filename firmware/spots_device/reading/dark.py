@@ -411,7 +411,7 @@ class Baseline:
         if self.left:
             return False
         if self._is_steady():
-            self._follow()
+            self._follow_gap()
         return True
 
     def _is_steady(self):
@@ -422,7 +422,7 @@ class Baseline:
             score += chi2(self._before[i] - after << 8, 5 * _variance(after))
         return score <= JUMP << 4
 
-    def _follow(self):
+    def _follow_gap(self):
         count = self._count
         fits = differs = 0
         for i in range(CHANNELS):

@@ -14,7 +14,7 @@ from . import chip as c
 
 _HIGH = c.FIFO_DATA + 1  # index in the buffer of the high byte of the first count
 _TRIALS = const(8)  # at most so many samples after a start may be absent from the FIFO
-_BROKEN = const(2)  # value of `_odd` after a failed transfer from the FIFO
+_BROKEN = const(2)  # value of `_odd_level` after a failed transfer from the FIFO
 
 
 class Fifo:
@@ -41,10 +41,12 @@ class Fifo:
             self._views.append(view[c.FIFO_DATA : end])
         self._read = self.read  # binding a method allocates
         self.fifo = self._trials = 0
-        self._odd = 0  # 1 if the FIFO level was not a multiple of 6, `_BROKEN` if a transfer failed
+        self._odd_level = (
+            0  # 1 if the FIFO level was not a multiple of 6, `_BROKEN` if a transfer failed
+        )
 
     def start(self):
-        self.fifo = self._odd = 0
+        self.fifo = self._odd_level = 0
         self._trials = _TRIALS
         return self._try
 
@@ -71,7 +73,7 @@ class Fifo:
         and the sample counts as missed.
         """
         sensor = self._sensor
-        sure = sensor.pacing.sure > 0 or not self.fifo
+        sure = sensor.pacing.sure_polls > 0 or not self.fifo
         sensor.burst[c.LEVEL] = c.UNREAD
         sensor.bus.read_into(ADDRESS, c.FIFO_LVL, self._levelled if sure else self._level)
         level = sensor.burst[c.LEVEL]
@@ -79,7 +81,7 @@ class Fifo:
         sensor.known = sensor.asked if level < c.ENTRIES << sure else sensor.ticks_us()
         # While the chip stores a sample, the level may for a moment not be a multiple of 6.
         odd = 1 if level % c.ENTRIES else 0
-        if level > c.FULL or self._odd + odd > 1 or (sure and level < c.ENTRIES):
+        if level > c.FULL or self._odd_level + odd > 1 or (sure and level < c.ENTRIES):
             if level == c.UNREAD:
                 raise OSError(EIO)
             self._clear()
@@ -89,7 +91,7 @@ class Fifo:
             # The FIFO does not contain ASTATUS. A poll that is early has time to read it.
             sensor.burst[c.ASTATUS_AT] = sensor.read_byte(c.ASTATUS)
         elif level > sure:
-            self._odd = _BROKEN  # unless the transfer succeeds
+            self._odd_level = _BROKEN  # unless the transfer succeeds
             sensor.burst[_HIGH] = c.UNREAD
             level -= sure  # an expression in the call would need a larger call frame, see strip.py
             sensor.bus.read_into(ADDRESS, c.FDATA, self._views[level])
@@ -97,7 +99,7 @@ class Fifo:
             # Only with the longest exposures, the chip returns counts with this high byte.
             if sensor.burst[_HIGH] == c.UNREAD and self._read_level() >= c.ENTRIES:
                 raise OSError(EIO)
-        self._odd = odd
+        self._odd_level = odd
         if not level or not (self.fifo or self._contains(level)):
             return 0
         sensor.at = c.OLDEST if sure else c.FIFO_DATA
@@ -140,5 +142,5 @@ class Fifo:
             self._trials = _TRIALS
 
     def fail(self):
-        if self._sensor.pacing.sure > 0 or not self.fifo:
-            self._odd = _BROKEN  # the transfer may have read a part of a sample
+        if self._sensor.pacing.sure_polls > 0 or not self.fifo:
+            self._odd_level = _BROKEN  # the transfer may have read a part of a sample

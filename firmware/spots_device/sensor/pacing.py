@@ -44,7 +44,7 @@ _RENEW = const(224)
 LATCH_US = 75
 BRIEF_US = 1_000  # in a longer poll, the loop has stalled before the chip was read
 _SURE = const(16)  # samples after which the fit is more accurate than the times of the polls
-# With this many samples in the fit, a poll is `sure` if it is later than the estimated end by at
+# With this many samples in the fit, a poll is sure if it is later than the estimated end by at
 # least this margin and a step.
 _CERTAIN = const(63)
 _MARGIN_US = const(30)
@@ -65,7 +65,7 @@ class Pacing:
         Time of the next poll in ticks.
     exposure_us, period_us : int
         Nominal sample period (the exposure), and lower bound of the measured period, in us.
-    sure : int
+    sure_polls : int
         How many polls, from the one at `due` on, certainly find a sample, unless the chip's
         oscillator jumps; 0 or less for none.
     missed : int
@@ -99,7 +99,7 @@ class Pacing:
         self._narrow_us = 2 * self._creep + 50
         self._set_period(period_us - period_us // _TRUST)
         self.due = self._add(now, self.period_us)
-        self.slack_us = self.sure = 0
+        self.slack_us = self.sure_polls = 0
         self.sampled = self.lasted_us = self.longest_us = 0
         self._was_early = False
         self._locked = False
@@ -147,7 +147,7 @@ class Pacing:
         """Record that the poll at `now` found no sample; schedule the next poll soon."""
         self._early = now
         self._was_early = True
-        self.sure = 0
+        self.sure_polls = 0
         self.due = self._add(now, _RETRY_US)
 
     def found(self, before, after):
@@ -194,17 +194,17 @@ class Pacing:
             self._end = ticks = self._add(self._end, shift_us >> 8)
             self._since += 1
             shift_us = self._diff(before, ticks) + LATCH_US
-            if self.sure > 0 and samples == 1 and shift_us <= self.period_us:
+            if self.sure_polls > 0 and samples == 1 and shift_us <= self.period_us:
                 self._samples += 1
-                self.sure -= 1
-                if not self.sure and shift_us < self._high_us:
+                self.sure_polls -= 1
+                if not self.sure_polls and shift_us < self._high_us:
                     self._high_us = shift_us
                 self.due = self._add(self.due, self._step_us)
                 return ticks
             if shift_us < self._high_us and samples == 1 and self._diff(after, before) < BRIEF_US:
                 self._high_us = shift_us
             if self._was_early:
-                self._follow()
+                self._follow_phase()
         ticks = self.due
         if self._was_early and samples == 1 and self._diff(after, self._early) <= _WIDE_US:
             self._bracket(before)
@@ -217,9 +217,9 @@ class Pacing:
                     ticks = self._add(ticks, shift_us)
             if self._fitted > _CERTAIN:
                 shift_us = self._diff(ticks, self._end) + LATCH_US - _MARGIN_US - self._creep
-                self.sure = shift_us // self._drop_us
+                self.sure_polls = shift_us // self._drop_us
         else:
-            self.sure = 0
+            self.sure_polls = 0
             # The newest sample ended before `after`, and the next one ends after `before`.
             shift_us = self._diff(after, ticks) - (samples - 1) * self._chip_us
             if self._locked and shift_us > 0:
@@ -272,7 +272,7 @@ class Pacing:
         """Record that the FIFO was emptied at `now` (ticks), and that its samples are lost."""
         self._count(now, 0)
         self._locked = False
-        self.sure = 0
+        self.sure_polls = 0
         self._samples = -1
 
     def _bracket(self, now):
@@ -298,9 +298,9 @@ class Pacing:
         # The sample ended between the last early poll and the poll at `now`.
         self._end = self._add(now, LATCH_US - (self.slack_us >> 1))
         self._high_us = self.period_us
-        self._fitted = self._since = self.sure = 0
+        self._fitted = self._since = self.sure_polls = 0
 
-    def _follow(self):
+    def _follow_phase(self):
         # Correct the estimates of phase and period with the limits of the end of this sample.
         low_us = self._diff(self._early, self._end) + LATCH_US
         high_us = self._high_us
