@@ -28,19 +28,9 @@ class _Finger:
 
 
 class Fingers:
-    """Sends a CONTACT frame for each finger and reading.
+    """Sends a CONTACT frame for each finger and reading; receives the events of its `tracker`.
 
-    It receives the events of a tracker.
-
-    Parameters
-    ----------
-    framer : frame.Framer
-        Sends the frames; each frame has the time of its reading.
-
-    Attributes
-    ----------
-    tracker : tracker.ContactTracker
-        Finds the fingers. The caller sets its layout, and passes the readings to it.
+    The caller sets the tracker's layout, and passes the readings to it before `send`.
     """
 
     def __init__(self, framer):
@@ -54,12 +44,7 @@ class Fingers:
     def send(self, sensor, reading):
         """Send a frame for each finger of a reading that the tracker has already processed.
 
-        Parameters
-        ----------
-        sensor : int
-            Number of the sensor, from 0.
-        reading : array of int
-            The reading, as in `decode.Decode.state`.
+        `reading` is as `decode.Decode.state`.
         """
         self._sensor = sensor
         tracker = self.tracker

@@ -25,21 +25,9 @@ def power(exponent):
 def solve(found, decay, off_um, alone, brightness):
     """Solve the equations of second.py; return whether they have a solution.
 
-    Parameters
-    ----------
-    found : array.array
-        Output, ``array("i")`` of four elements: distance d of the second finger from the first one
-        in um, loss of brightness (Q20 of log2), (1 - f) / f (Q10), and light l2 in sixteenths of a
-        count.
-    decay : int
-        Decay of the light by the dye (k in second.py) in log2 units per um, times 2**24. This
-        integer is at most 1000.
-    off_um : int
-        Distance of the reading's position from the first finger, in um.
-    alone : int
-        Light l1 of the first finger, in sixteenths of a count.
-    brightness : int
-        Brightness of the reading, in Q20 of log2.
+    `found` gets four integers: distance d of the second finger from the first one in um, loss of
+    brightness (Q20 of log2), (1 - f) / f (Q10), and light l2 in sixteenths of a count. `alone` is
+    the light l1 of the first finger in this unit; `decay` and `brightness` are as in `locate`.
     """
     away_um = off_um
     shift = alone >> 19 and 4
@@ -75,12 +63,7 @@ def solve(found, decay, off_um, alone, brightness):
 def noise(product, brightness):
     """Return a position's standard deviation in um, at most `state.NOISE_MAX_UM`.
 
-    Parameters
-    ----------
-    product : int
-        Product of counts and standard deviation of the position in um; a constant of the strip.
-    brightness : int
-        Brightness in Q20 of log2, from which the counts are computed.
+    `product` is that of counts and standard deviation in um, a constant of the strip.
     """
     return min(product * 16 // ((power(brightness) >> 6) + 1), c.NOISE_MAX_UM)
 
@@ -88,24 +71,12 @@ def noise(product, brightness):
 def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
     """Estimate the second finger in a reading; return whether there is a second finger.
 
-    Parameters
-    ----------
-    found : array.array
-        Output, ``array("i")``, at the indices `state.FOUND_UM`, `FOUND_SLACK_UM` and `FOUND_B`:
-        position of the second finger in um, uncertainty of this position in um, and brightness of
-        the second finger in Q20 of log2.
-    decay : int
-        Decay of the light by the dye (k in second.py) in log2 units per um, times 2**24. This
-        integer is at most 1000.
-    x1_um, first : int
-        Position of the first finger in um, and its brightness in Q20 of log2.
-    x_um, brightness : int
-        Position of the reading in um, and its brightness in Q20 of log2.
-    fits : int
-        1 if the spectrum of the reading fits one press, 0 if not, -1 if this is unknown. The
-        spectrum of two fingers fits one press only if the fingers are near each other.
-    noise_um : int
-        Standard deviation of the reading's position, in um.
+    `found` gets position, its uncertainty and brightness from the index `state.FOUND_UM` on.
+    `decay` is that of the light by the dye (k in second.py) in log2 units per um, times 2**24, at
+    most 1000. `first` and `brightness` are brightnesses in Q20 of log2: of the first finger, which
+    is at `x1_um`, and of the reading. `fits` is 1 if the spectrum of the reading fits one press, 0
+    if not, -1 if this is unknown: that of two fingers fits only if they are near each other.
+    `noise_um` is the standard deviation of the reading's position.
     """
     alone = power(first) >> 6
     if not solve(_solved, decay, x_um - x1_um, alone, brightness):
@@ -179,19 +150,8 @@ def _first_light(decay, off_um, brightness, away_um):
 def light(s, away_um, is_now):
     """Return the light of the first of two fingers, in sixteenths of a count.
 
-    Parameters
-    ----------
-    s : array.array
-        State of a `tracker.ContactTracker` with the last two readings.
-    away_um : int
-        Distance from the first finger to the second one, in um; not 0.
-    is_now : bool
-        True for the light in the present reading; False for the difference between this light and
-        that in the reading before.
-
-    Returns
-    -------
-    int
+    `away_um`, not 0, is the distance of the second one. If `is_now` is false: the difference
+    between this light and that in the reading before.
     """
     now = _first_light(s[c.DECAY], s[c.X_NOW_UM] - s[c.X_UM], s[c.B_NOW], away_um)
     if is_now:

@@ -10,21 +10,10 @@ from .locate import estimate, noise, power
 
 
 def watch(s, b):
-    """Compare a reading with the readings before; return what has happened.
+    """Compare the present reading, of brightness `b`, with those before; return what has happened.
 
-    Parameters
-    ----------
-    s : array.array
-        State `TWO` of a `tracker.ContactTracker` with the present reading, see state.py.
-    b : int
-        Brightness of the reading, element `B_NOW`.
-
-    Returns
-    -------
-    int
-        0 if there is nothing to report; else a number or bits from state.py, such as
-        `MOVED` or `FOUND | REMAINS`. -1 if the reading needs the checks in
-        `tracker.ContactTracker.take`; the state is then unchanged.
+    0: nothing to report; else a number or bits from state.py, such as `MOVED` or `FOUND | REMAINS`.
+    -1: the reading needs the checks in `tracker.ContactTracker.take`; the state is then unchanged.
     """
     flags = s[c.FLAGS_NOW]
     if not flags & c.CHECKED:

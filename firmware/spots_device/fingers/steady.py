@@ -11,13 +11,6 @@ def stays(s, flags):
     """Process a reading of a finger that rests or moves slowly; return whether this was done.
 
     If not, the state is unchanged, and `tracker.ContactTracker.take` processes the reading.
-
-    Parameters
-    ----------
-    s : array.array
-        State `DOWN` of a `tracker.ContactTracker` with the present reading, see state.py.
-    flags : int
-        Flags of the reading.
     """
     x_um = s[c.X_NOW_UM]
     force_mN = s[c.FORCE_NOW_MN]

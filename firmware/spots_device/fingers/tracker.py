@@ -86,20 +86,16 @@ def elapsed(since, now):
 class ContactTracker:
     """Converts the readings of a strip to touches.
 
-    Parameters
-    ----------
-    sink : object
-        Receiver with these methods; `t` is the time in ticks of `TICK_US`, `x_um` a position in um:
-        ``down(x_um, t)``: a finger touches. ``at(x_um, t)``: new position of this finger, while it
-        is alone; if the method returns true, the tracker may stop reporting the positions of this
-        finger. ``firm(t)``: the force has reached ``firm_mN``; called once for each touch.
-        ``up(t)``: the finger has left. ``next(x_um, t)``: the finger has left, and another one
-        touches. ``stuck()``: the touch has not moved for ``stuck_ms``, so it is not a finger. If
-        the strip length is known, also these methods: ``second(x_um, slack_um, t) -> bool``: a
-        second finger touches, at `x_um` +- `slack_um`. Returns whether the sink uses this finger.
-        If the sink already uses a second finger, this is a third finger. ``left(second, t)``: the
-        second finger has left if `second` is true, else the first one. ``moved(x_um, slack_um)``:
-        new estimate of the second finger's position, while the first one rests.
+    It calls methods of `sink`; `t` is a time in ticks, `x_um` a position. ``down(x_um, t)``: a
+    finger touches. ``at(x_um, t)``: its new position, while it is alone; if the result is true, no
+    more positions of this finger are needed. ``firm(t)``: the force has reached ``firm_mN``, once
+    for each touch. ``up(t)``: the finger has left. ``next(x_um, t)``: the finger has left, and
+    another one touches. ``stuck()``: the touch has not moved for ``stuck_ms``, so it is no finger.
+
+    If the strip length is known, also: ``second(x_um, slack_um, t) -> bool``: a second finger
+    touches at `x_um` +- `slack_um`, or a third one if the sink uses a second one; returns whether
+    the sink uses it. ``left(second, t)``: the second finger has left if `second` is true, else the
+    first one. ``moved(x_um, slack_um)``: a new estimate of the second one, while the first rests.
     """
 
     def __init__(self, sink):
@@ -133,17 +129,9 @@ class ContactTracker:
     def set_layout(self, layout, length_um=0, decay=0, cross=None):
         """Set the limits and the strip length; a finger that touches is ignored until it lifts.
 
-        Parameters
-        ----------
-        layout : keymap.KeyMap
-            Layout whose limits are used, see `layout.LIMITS`.
-        length_um : int
-            Length of the strip in um. With 0, one finger is expected: a movement up to ``jump_um``
-            is a slide, and readings that do not fit one press are ignored.
-        decay : int
-            Decay of the light by the dye, see `locate.locate`.
-        cross : sequence of int or None
-            Cross-sensitivity of the strip, see `calibration.Calibration.cross`.
+        Without a length, one finger is expected: a movement up to ``jump_um`` is a slide, and
+        readings that do not fit one press are ignored. `decay` is that of `locate.locate`, `cross`
+        that of a calibration, or None.
         """
         s = self.state
         s[c.CROSS_NEAR_UM], s[c.CROSS_FAR_UM], s[c.CROSS_B] = (length_um and cross) or (0, 0, 0)
@@ -173,16 +161,7 @@ class ContactTracker:
     def take(self, flags, position_um, force_mN, brightness, t):
         """Process a reading: update the state, and call the methods of `sink`.
 
-        Parameters
-        ----------
-        flags : int
-            Flag bits of the reading, see the module `decode`.
-        position_um, force_mN : int
-            Position in um and force in mN.
-        brightness : int
-            Brightness in Q20 of log2.
-        t : int
-            Time in ticks of `TICK_US`.
+        `brightness` is in Q20 of log2; `flags` are those of the module `decode`.
         """
         # The call frames of this function and of most that it calls have at most 11 words, see
         # strip.py: the reading is in the state.

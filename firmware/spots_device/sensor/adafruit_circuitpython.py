@@ -14,17 +14,6 @@ from .as7341 import AS7341, SensorError
 class AdafruitSensor(AS7341):
     """An AS7341 whose power, exposure, gain and LED are set by Adafruit's driver.
 
-    Parameters
-    ----------
-    scl, sda : microcontroller.Pin
-        Pins of the I2C bus.
-    frequency_hz : int
-        Frequency of the bus in Hz.
-    clock : object
-        ``ticks_us``, ``ticks_add``, ``ticks_diff`` and ``sleep_us``.
-
-    Notes
-    -----
     ``busio.I2C`` raises RuntimeError without pull-ups, or if a chip holds a wire low. A chip does
     so if the board was reset in the middle of a byte. So each `start` tries again to open the bus.
     """

@@ -41,13 +41,8 @@ def actual_us(atime, astep):
 def choose(exposure_us, mains_hz):
     """Return the possible exposure nearest to a wanted one, in us.
 
-    Parameters
-    ----------
-    exposure_us : int
-        Wanted exposure in us.
-    mains_hz : int
-        50 or 60 for a multiple of half a mains period, so that flickering lamps add the same light
-        to each sample. 0 for any exposure of the chip.
+    With `mains_hz`, a multiple of half a mains period, so that flickering lamps add the same light
+    to each sample.
     """
     if not mains_hz:
         return actual_us(*registers(exposure_us))

@@ -18,16 +18,9 @@ _BROKEN = const(2)  # value of `_odd_level` after a failed transfer from the FIF
 
 
 class Fifo:
-    """Reads all samples of the FIFO.
+    """Reads all samples of the FIFO, or those of `registers` if it does not work.
 
     Attributes and methods are those of `registers.Registers`.
-
-    Parameters
-    ----------
-    sensor : as7341.AS7341
-        The sensor; its buffer `burst` gets the samples.
-    registers : registers.Registers
-        Path to use if the FIFO does not work.
     """
 
     def __init__(self, sensor, registers):
@@ -41,9 +34,8 @@ class Fifo:
             self._views.append(view[c.FIFO_DATA : end])
         self._read = self.read  # binding a method allocates
         self.fifo = self._trials = 0
-        self._odd_level = (
-            0  # 1 if the FIFO level was not a multiple of 6, `_BROKEN` if a transfer failed
-        )
+        # 1 if the last level was not a multiple of 6, `_BROKEN` after a failed transfer.
+        self._odd_level = 0
 
     def start(self):
         self.fifo = self._odd_level = 0

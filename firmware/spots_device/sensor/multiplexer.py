@@ -9,15 +9,7 @@ from ..runtime.common import MULTIPLEXER
 
 
 def connect(sensor, channel):
-    """Connect a sensor, which is not started yet, through a channel of the multiplexer.
-
-    Parameters
-    ----------
-    sensor : as7341.AS7341
-        The sensor.
-    channel : int
-        Its channel, 0 to 7.
-    """
+    """Connect a sensor, which is not started yet, through a channel (0 to 7) of the multiplexer."""
     if sensor.bus is None:  # CircuitPython: the sensor opens its bus later, at its start
         from ..runtime.multiplexer_circuitpython import I2CChannel
 
@@ -29,13 +21,8 @@ def connect(sensor, channel):
 class ChannelBus:
     """A sensor's I2C bus behind the multiplexer; selects the channel before each transfer.
 
-    Parameters
-    ----------
-    bus : object
-        The bus of the board, see `as7341`; its ``write_to(address, buffer) -> int`` writes to any
-        chip, and returns the number of acknowledged bytes.
-    channel : int
-        Channel of the sensor, 0 to 7.
+    The board's ``write_to(address, buffer) -> int`` writes to any chip, and returns the number of
+    acknowledged bytes.
     """
 
     def __init__(self, bus, channel):

@@ -14,17 +14,9 @@ UNTIMED = -1  # result of `read`
 
 
 class Registers:
-    """Reads the sample in the data registers, if it is a new one.
+    """Reads the sample in the data registers, if it is a new one, into the sensor's `burst`.
 
-    Parameters
-    ----------
-    sensor : as7341.AS7341
-        The sensor; its buffer `burst` gets the samples.
-
-    Attributes
-    ----------
-    fifo : int
-        1 if samples come from the chip's FIFO, else 0.
+    `fifo` is 1 if samples come from the chip's FIFO instead.
     """
 
     fifo = 0
@@ -39,19 +31,11 @@ class Registers:
         return self._read
 
     def read(self):
-        """Read new samples, and schedule the next poll. Allocates nothing.
+        """Read new samples, and schedule the next poll; return how many. Allocates nothing.
 
-        Returns
-        -------
-        int
-            Number of samples in the buffer. The sensor's `at` is then the place of the oldest one,
-            and `complete` its end. 0 without a new sample. `UNTIMED` if a sample must not be used,
-            because its time is unknown after a stall.
-
-        Raises
-        ------
-        OSError
-            If a transfer fails. The caller then calls `fail`.
+        The sensor's `at` is then the place of the oldest one, and `complete` its end. `UNTIMED` if
+        a sample must not be used, because its time is unknown after a stall. OSError if a transfer
+        fails: the caller then calls `fail`.
         """
         return self.stamp() if self.fetch() else 0
 

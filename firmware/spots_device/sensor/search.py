@@ -33,18 +33,8 @@ class Search:
     below 182 ms, full scale grows with the exposure as the counts do. In strong light the search
     reduces the gain while the sensor is saturated, else the LED current, then the gain.
 
-    Parameters
-    ----------
-    gain : int
-        Gain at the start, as register code 0 to 10.
-    led_mA : int
-        LED current at the start, in mA.
-    exposure_us : int
-        Exposure at the start, in us.
-    led_max_mA : int
-        Largest LED current in mA; 0 if the current cannot be set. With 0 the search changes only
-        gain and exposure. The steps of the gain are coarse, so the search then ends at 43-90 % of
-        full scale.
+    If `led_max_mA` is 0, the current cannot be set. The steps of the gain are coarse, so the search
+    then ends at 43-90 % of full scale.
     """
 
     def __init__(self, gain, led_mA, exposure_us, led_max_mA):
@@ -58,20 +48,9 @@ class Search:
     def step(self, peak, full_scale, saturated):
         """Evaluate a sample and choose the next settings.
 
-        Parameters
-        ----------
-        peak : int
-            Dark-subtracted count of the brightest channel.
-        full_scale : int
-            Largest possible count at the present exposure.
-        saturated : bool
-            Whether the sensor reported saturation.
-
-        Returns
-        -------
-        int
-            `DONE`, `TOO_DARK` or `TOO_BRIGHT` at the end of the search. `AGAIN` if the caller must
-            take another sample with the settings `gain`, `led_mA` and `exposure_us` (attributes).
+        `peak` is the dark-subtracted count of the brightest channel. Returns `DONE`, `TOO_DARK` or
+        `TOO_BRIGHT` at the end of the search, else `AGAIN`: take another sample with the attributes
+        `gain`, `led_mA` and `exposure_us`.
         """
         level = _FULL if saturated else max(peak * _FULL // full_scale, 0)
         if self._low <= level < _HIGH:

@@ -25,19 +25,7 @@ CHANNELS = 6
 def smux_map(plan):
     """Return the 20 bytes of the SMUX map that connects each diode of a plan to one ADC.
 
-    Parameters
-    ----------
-    plan : sequence of str
-        Names of six different diodes of `PIXELS`, in the order of ADC 0 to 5.
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    ValueError
-        If the plan is not six different names in `PIXELS`.
+    ValueError if the plan is not six different names in `PIXELS`.
     """
     if len(plan) != CHANNELS or len(set(plan)) != CHANNELS:
         raise ValueError("a channel plan needs six different diodes")
