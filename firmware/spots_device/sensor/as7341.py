@@ -87,30 +87,13 @@ class SensorError(Exception):
 
 
 class AS7341:
-    """One AS7341 that samples six diodes without a gap.
+    """One AS7341 that samples six diodes without a gap, on a bus as in the module docstring.
 
     A runtime with its own driver of the chip overrides `_configure` and `_light`. Such a runtime
-    still uses this class to write the SMUX map and to read the samples.
-
-    Parameters
-    ----------
-    bus : object
-        I2C bus, see the module docstring.
-    clock : object
-        ``ticks_us``, ``ticks_add``, ``ticks_diff`` and ``sleep_us``, as in MicroPython's ``time``.
-
-    Attributes
-    ----------
-    read : callable
-        Function of the path in use that reads new samples, see `registers.Registers.read`.
-    burst : bytearray
-        The samples that `read` has read, see `chip.COUNTS`; `at` is the place of the next sample.
-    waits : int
-        Samples in `burst` that `poll` has not returned yet.
-    asked, known : int
-        Ticks before and after the first transfer of the last `read`.
-    step_us : int
-        Time between two samples in `burst`, except the newest one.
+    still uses this class to write the SMUX map and to read the samples. The path in use, see
+    `registers.Registers.read`, reads samples into `burst`; `at` is the place of the next one of
+    the `waits` that `poll` has not returned yet, `step_us` the time between two of them except the
+    newest. `asked` and `known` are the ticks before and after the first transfer of this read.
     """
 
     def __init__(self, bus, clock):
@@ -149,28 +132,11 @@ class AS7341:
     def start(self, plan, gain, exposure_us, led_mA, mains_hz=0):
         """Identify the chip, set it up and start sampling; call it again after an error.
 
-        Parameters
-        ----------
-        plan : sequence of str
-            Names of six diodes for ADC 0 to 5, see `smux.PIXELS`.
-        gain : int
-            Register code of the gain (CFG1), 0 to 10 for 0.5x to 512x.
-        exposure_us : int
-            Integration time in us. If `mains_hz` is 0, the attribute `exposure_us` becomes the
-            nearest value that the chip allows.
-        led_mA : int
-            Current of the LED driver in mA: 0 for off, or 4 to 258.
-        mains_hz : int
-            Mains frequency of flickering lamps: 50 or 60, or 0 for no lamps. With 0 the exposure
-            has the error of the chip's oscillator, a few per cent. With 50 or 60, `pacing` corrects
-            this error.
-
-        Raises
-        ------
-        SensorError
-            If no AS7341 answers, or a register does not contain the written value.
-        OSError
-            If an I2C transfer fails.
+        `plan` names six diodes for ADC 0 to 5, see `smux.PIXELS`; `gain` is the code of CFG1, 0 to
+        10 for 0.5x to 512x; `led_mA` is 0, or 4 to 258. With the `mains_hz` of flickering lamps,
+        `pacing` corrects the error of the chip's oscillator, a few per cent; with 0, the attribute
+        `exposure_us` becomes the nearest value that the chip allows. SensorError if no AS7341
+        answers, or a register does not contain the written value; OSError if a transfer fails.
         """
         began = self.ticks_us()
         self._identify()
@@ -253,24 +219,13 @@ class AS7341:
         self._settled = self.ticks_us()
 
     def poll(self):
-        """Fetch a new sample, if there is one. Allocates nothing.
+        """Fetch a new sample; return whether there is one. Allocates nothing.
 
         One transfer can read several samples. This call returns the oldest sample, and the next
-        calls return the following ones.
-
-        Returns
-        -------
-        bool
-            True if there is a new sample. It is in the attributes `counts`, `saturated`, `steady`
-            and `complete` (ticks at the end of the integration).
-
-        Raises
-        ------
-        SensorError
-            If no sample arrived for two exposures plus the duration of the chip's auto-zero, or if
-            the chip samples more slowly than its exposure allows.
-        OSError
-            If all transfers failed during this time. Until then, each poll repeats the transfer.
+        calls return the following ones, in the attributes `counts`, `saturated`, `steady` and
+        `complete` (ticks at the end of the integration). SensorError if no sample arrived for two
+        exposures plus the duration of the chip's auto-zero, or if the chip samples more slowly than
+        its exposure allows; OSError if all transfers failed during this time.
         """
         waits = self.waits
         if not waits:
@@ -330,17 +285,10 @@ class AS7341:
         self.steady = self.ticks_diff(self.complete, self._settled) >= longest_us
 
     def check(self):
-        """Check that two registers of the chip still contain the written values.
+        """Check that two registers of the chip still contain the written values, else SensorError.
 
         Each call checks the next two registers; three calls check all six. The check is necessary
         because I2C has no checksum, and because a chip can lose its register values.
-
-        Raises
-        ------
-        SensorError
-            If a register differs from the written value.
-        OSError
-            If the I2C transfer fails.
         """
         i = self._check
         self._check = (i + 1) % len(_CHECKED)

@@ -52,29 +52,14 @@ _FIT = const(300)  # largest weight of the fit, in samples, so that it follows t
 
 
 class Pacing:
-    """Tracks the sample clock of the sensor.
+    """Tracks the sample clock of the sensor, in ticks of MicroPython's ``time``.
 
-    Parameters
-    ----------
-    clock : object
-        ``ticks_add(ticks, us)`` and ``ticks_diff(later, earlier)``, as in MicroPython's ``time``.
-
-    Attributes
-    ----------
-    due : int
-        Time of the next poll in ticks.
-    exposure_us, period_us : int
-        Nominal sample period (the exposure), and lower bound of the measured period, in us.
-    sure_polls : int
-        How many polls, from the one at `due` on, certainly find a sample, unless the chip's
-        oscillator jumps; 0 or less for none.
-    missed : int
-        Number of samples that were not read, or whose time is unknown; `start` does not reset it.
-    slack_us : int
-        Uncertainty in us: the last sample ended at most this long before its estimated end.
-    sampled, lasted_us, longest_us : int
-        Measurement of the period: number of samples, and lower and upper limit of their total
-        duration in us of the board's clock. `sampled` is 0 before the first measurement.
+    `due` is the time of the next poll; `sure_polls`, from this one on, certainly find a sample,
+    unless the chip's oscillator jumps. The last sample ended at most `slack_us` before its
+    estimated end. `exposure_us` is the nominal period, `period_us` a lower bound of the measured
+    one: `sampled` samples, 0 before the first measurement, have taken `lasted_us` to `longest_us`
+    of the board's clock. `missed` counts the samples that were not read, or whose time is unknown;
+    `start` does not reset it.
     """
 
     def __init__(self, clock):
@@ -151,18 +136,10 @@ class Pacing:
         self.due = self._add(now, _RETRY_US)
 
     def found(self, before, after):
-        """Record that a poll found a sample, and schedule the next poll.
+        """Record that a poll, between two ticks, found a sample; schedule the next poll.
 
-        Parameters
-        ----------
-        before, after : int
-            Ticks at the beginning and at the end of the poll.
-
-        Returns
-        -------
-        int or None
-            Estimated end of the sample in ticks, at most `slack_us` too late. None if the sample
-            must not be used, because its time is unknown after a stall; `missed` then counts it.
+        Returns the estimated end of the sample, at most `slack_us` too late. None if the sample
+        must not be used, because its time is unknown after a stall; `missed` then counts it.
         """
         if self._was_early:
             if self._diff(after, self._early) > _WIDE_US:
@@ -176,17 +153,8 @@ class Pacing:
     def held(self, before, after, samples):
         """Record the oldest of the samples that waited in the FIFO; schedule the next poll.
 
-        Parameters
-        ----------
-        before, after : int
-            Ticks before and after the read of the FIFO's level.
-        samples : int
-            Number of samples that waited.
-
-        Returns
-        -------
-        int
-            Estimated end of the sample in ticks, at most `slack_us` too late.
+        The arguments are the ticks around the read of the FIFO's level, and how many samples
+        waited. The result is as in `found`, never None.
         """
         if self._locked:
             shift_us = self._fraction + self._exact
@@ -243,17 +211,8 @@ class Pacing:
     def skip(self, samples):
         """Record the samples of a FIFO read that are neither its oldest nor its newest.
 
-        Call this after `held` for the oldest sample, and before `held` for the newest one.
-
-        Parameters
-        ----------
-        samples : int
-            Number of these samples.
-
-        Returns
-        -------
-        int
-            Time from the end of a sample to the end of the next one, in us.
+        Call this after `held` for the oldest sample, and before `held` for the newest one. Returns
+        the time from the end of a sample to the end of the next one, in us.
         """
         shift_us = samples * self._chip_us
         self.due = self._add(self.due, shift_us)
