@@ -3,6 +3,8 @@
 from types import SimpleNamespace
 
 import pytest
+from bumble import gatt
+from hidtools.hid import ReportDescriptor
 
 from radio_air import Air
 from radio_ble import Ble, Uuid
@@ -10,6 +12,7 @@ from radio_hosts import Host, is_up, pressed
 from spots_device.radio.peripheral import Radio
 
 pytestmark = pytest.mark.board
+INPUT = 1  # direction of a report
 DOWN = {1: 0x1E, 2: 0x1F, 3: 0x20, 7: 0x24}  # usages of the keys of `digits`
 
 
@@ -60,14 +63,12 @@ def test_disconnections_in_a_touch_leave_no_key_down(rig):
         assert (pressed(host.reports), is_up(host.reports)) == ([DOWN[7]], True)
 
 
-def test_the_host_sets_the_leds_and_the_resolution_of_the_wheels():
-    air, leds, multipliers = Air(), [], []
-    ble, clock = (
-        Ble(air),
-        SimpleNamespace(ticks_us=int, ticks_add=int.__add__, ticks_diff=int.__sub__),
-    )
-    radio = Radio(ble, Uuid, "0123", "hid", clock, [], leds.append, multipliers.append)
-    radio.open(["keyboard", "mouse"])
+def bonded_to_all(names, show_leds=print, set_multipliers=print):
+    """Return a host that has bonded with a radio that has these interfaces, and a step of both."""
+    air = Air()
+    clock = SimpleNamespace(ticks_us=int, ticks_add=int.__add__, ticks_diff=int.__sub__)
+    radio = Radio(Ble(air), Uuid, "0123", "hid", clock, [], show_leds, set_multipliers)
+    radio.open(names)
 
     def step():
         air.settle(air.now_s + 0.001)
@@ -77,7 +78,27 @@ def test_the_host_sets_the_leds_and_the_resolution_of_the_wheels():
     host.connect()
     host.pair(radio.pair())
     host.find()
+    return host, step
+
+
+def test_the_host_sets_the_leds_and_the_resolution_of_the_wheels():
+    leds, multipliers = [], []
+    host, step = bonded_to_all(["keyboard", "mouse"], leds.append, multipliers.append)
     host.set(0, 2)
     host.set(1, 5)
     step()
     assert (leds, multipliers) == ([2], [5])
+
+
+def test_hid_tools_reads_the_map_with_the_ids_and_sizes_of_the_reports():
+    host, _ = bonded_to_all(["keyboard", "consumer", "system", "mouse", "gamepad"])
+    read = ReportDescriptor.from_bytes(host.read(gatt.GATT_REPORT_MAP_CHARACTERISTIC))
+    found = {}
+    for one in host.peer.get_characteristics_by_uuid(gatt.GATT_REPORT_CHARACTERISTIC):
+        host.wait(host.peer.discover_descriptors(one))
+        reference = one.get_descriptor(gatt.GATT_REPORT_REFERENCE_DESCRIPTOR)
+        number, kind = host.wait(host.peer.read_value(reference))
+        if kind == INPUT:
+            found[number] = len(host.wait(host.peer.read_value(one)))
+    assert found == {number: one.size - 1 for number, one in read.input_reports.items()}
+    assert len(found) == 5
