@@ -9,6 +9,7 @@ from hidtools.hid import ReportDescriptor
 from radio_air import Air
 from radio_ble import Ble, Uuid
 from radio_hosts import Host, is_up, pressed
+from spots_device.radio.hosts import Keys
 from spots_device.radio.peripheral import Radio
 
 pytestmark = pytest.mark.board
@@ -102,3 +103,16 @@ def test_hid_tools_reads_the_map_with_the_ids_and_sizes_of_the_reports():
             found[number] = len(host.wait(host.peer.read_value(one)))
     assert found == {number: one.size - 1 for number, one in read.input_reports.items()}
     assert len(found) == 5
+
+
+def test_keys_that_usb_cannot_open_go_by_radio_and_the_board_says_so():
+    """Fails if nobody learns why a cable brings no keys."""
+
+    def refuse(names):
+        raise OSError("no endpoint is free")
+
+    sent = []
+    radio = SimpleNamespace(open=lambda names: {"keyboard": SimpleNamespace(send=sent.append)})
+    keys = Keys(SimpleNamespace(open=refuse), radio)
+    assert [*keys.open(["keyboard"])] == ["keyboard"]
+    assert "no endpoint is free" in keys.fault

@@ -25,11 +25,14 @@ class Keys:
     ----------
     by_radio : bool
         Whether reports go by radio.
+    fault : str or None
+        Why reports go only by radio although there is USB.
     """
 
     def __init__(self, usb, radio):
         self._usb, self._radio = usb, radio
         self.by_radio = self._turning = False
+        self.fault = None
 
     def open(self, names):
         """Open the interfaces of both; as ``open`` of a USB stack.
@@ -40,15 +43,14 @@ class Keys:
             If neither of them has these interfaces.
         """
         by_radio = self._radio.open(names)
-        fault = None
         by_usb = {}
         if self._usb is not None:
             try:
                 by_usb = self._usb.open(names)
             except OSError as error:
-                fault = error
-        if fault and not by_radio:
-            raise fault
+                if not by_radio:
+                    raise
+                self.fault = "keys go by radio only: %s" % error
         return {
             name: _Way(self, by_usb.get(name), by_radio.get(name)).send
             for name in names

@@ -38,8 +38,8 @@ class Wireless:
 
     @property
     def fault(self):
-        """Why the radio is off although the setting says otherwise, or None."""
-        return self._radio.fault
+        """Why one of the two ways does not work although the settings say otherwise, or None."""
+        return self._radio.fault or self.keys.fault
 
     def start(self):
         """Start the radio if no interface of the keys has done so."""
