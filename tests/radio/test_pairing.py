@@ -11,6 +11,7 @@ from support.refusals import refusal
 
 from radio_hosts import REFUSED, TO_BOARD, TO_HOST
 from spots.errors import BoardError
+from spots_sim.strip.scenario import Press
 
 pytestmark = pytest.mark.board
 NOTHING = PairingDelegate.IoCapability.NO_OUTPUT_NO_INPUT
@@ -163,3 +164,26 @@ def test_a_command_that_changes_who_may_listen_goes_by_usb_only(rig, line):
     rig.run(0.1)
     [reply] = host.replies()
     assert reply["why"] == "by_usb_only"
+
+
+def test_three_firm_presses_let_one_host_bond_without_a_passkey(rig):
+    """Fails if a wearer needs a cable, or if the board stays open to strangers."""
+    rig.link.usb.plugged = False
+    rig.run(0.1)
+    for _ in range(3):
+        rig.held.press = Press(30.0, 4000, 4.0)
+        rig.run(2.2)
+        rig.lift()
+    host = rig.host(io=NOTHING, mitm=False)
+    host.connect()
+    host.pair(0)
+    rig.run(0.1)
+    assert rig.board.command("radio list")["connected"]
+    host.disconnect()
+    rig.run(2.5)
+    stranger = rig.host(io=NOTHING, mitm=False, address="C0:C1:C2:C3:C4:99")
+    stranger.connect()
+    with suppress(*REFUSED):
+        stranger.pair(0)
+    rig.run(0.1)
+    assert rig.board.command("radio list")["hosts"] == ["c0:c1:c2:c3:c4:c5"]

@@ -57,6 +57,10 @@ class Keys:
             if name in by_usb or name in by_radio
         }
 
+    def is_heard(self):
+        """Return whether a host gets the keys."""
+        return self._radio.trusted or (self._usb is not None and self._usb.connected)
+
     def follow(self, board):
         """Send reports the other way if another host is connected now.
 

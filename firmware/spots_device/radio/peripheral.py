@@ -42,7 +42,7 @@ _SETTLES_US = const(2_000_000)  # after the first secret of a new bond
 _TRUST_US = const(20_000_000)  # after which a connection without a bond ends
 _FAILED = const(5)  # reason of a disconnection: authentication
 _DIGITS = const(1_000_000)
-_DISPLAY_ONLY = const(0)
+_DISPLAY_ONLY, _NO_DISPLAY = const(0), const(3)
 
 
 class Radio:
@@ -113,8 +113,8 @@ class Radio:
         except OSError as error:
             self.fault = "the radio cannot be switched on: %s" % error
             return {}
-        ble.config(gap_name=self.name, mtu=_MTU_WANTED, bond=True, le_secure=True, mitm=True)
-        ble.config(io=_DISPLAY_ONLY)
+        ble.config(gap_name=self.name, mtu=_MTU_WANTED, bond=True, le_secure=True)
+        self._protect(True)
         data = self._use != "hid"
         self._handles = services.register(ble, self._uuid, names, data)
         self._payload, self._answer = services.advertisement(self.name, bool(names), data)
@@ -171,6 +171,7 @@ class Radio:
         now = self._clock.ticks_us()
         if self._until is not None and self._clock.ticks_diff(self._until, now) <= 0:
             self._until = None
+            self._protect(True)
         if s[_COUNT] != self._number or (self._since is not None and s[_CONN] < 0):
             return self._renew(now)
         if s[_CONN] < 0:
@@ -216,7 +217,7 @@ class Radio:
         s = self._state
         bonds = self.bonds
         if bonds.paired and s[_SAFE]:
-            if self._until is None or s[_SAFE] < _PROTECTED:
+            if self._until is None or s[_SAFE] < self._least:
                 self._refuse()
                 return None
             # The stack stores the secrets of a bond one by one, so the window stays open for more.
@@ -242,8 +243,15 @@ class Radio:
     def _advertise(self):
         self._ble.gap_advertise(_ADVERTISED_US, self._payload, resp_data=self._answer)
 
-    def pair(self):
+    @property
+    def pairs(self):
+        """Whether a host can bond now."""
+        return self._until is not None
+
+    def pair(self, protected=True):
         """Let one host bond within 60 s; return the passkey that it must show (int).
+
+        If not `protected`, it needs no passkey: a man in the middle could be the host.
 
         Raises
         ------
@@ -254,9 +262,15 @@ class Radio:
             raise ValueError(
                 "%d hosts are bonded, and the radio keeps no more: 'radio forget' one" % HOSTS_MAX
             )
+        self._protect(protected)
         self._passkey = int.from_bytes(os.urandom(3), "little") % _DIGITS
         self._until = self._clock.ticks_add(self._clock.ticks_us(), _WINDOW_US)
         return self._passkey
+
+    def _protect(self, on):
+        # `on`: only with a passkey.
+        self._least = _PROTECTED if on else 1
+        self._ble.config(mitm=on, io=_DISPLAY_ONLY if on else _NO_DISPLAY)
 
     def forget(self, address):
         """Delete the bond with a host, and end its connection; return whether there was one."""

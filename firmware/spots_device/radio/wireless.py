@@ -1,8 +1,11 @@
 """The radio of a running board: hosts come and go, bonds are stored, some commands are refused."""
 
+from ..reading.decode import FORCE_MN
 from ..usb.mouse import set_multipliers
+from ..usb.usages import CAPS_LOCK
 from .hosts import Keys, Ports
 from .peripheral import Radio
+from .presses import Presses
 
 
 class Wireless:
@@ -35,6 +38,8 @@ class Wireless:
         self.ports = Ports(serial, radio, board.clock)
         self.keys = Keys(usb, radio)
         self.close = radio.close
+        self._presses = Presses(board.clock)
+        self._shown = False  # whether the LED shows that a host can bond
 
     @property
     def fault(self):
@@ -54,8 +59,25 @@ class Wireless:
             if what == "bonds":
                 self._save()
         self.keys.follow(self._board)
+        self._follow_presses()
         if self._board.interfaces.pump():  # keys before frames
             self._radio.flush()
+
+    def _follow_presses(self):
+        # Only while nobody gets the keys: the presses type nothing, and nobody bonds in between.
+        radio = self._radio
+        if not self.keys.is_heard() and not radio.pairs and not radio.fault:
+            force_mN = self._board.strips[0].strip.decode.state[FORCE_MN]
+            if self._presses.are_made(force_mN):
+                try:
+                    radio.pair(protected=False)
+                except ValueError as error:  # the radio keeps no more hosts
+                    self._board.log("error", error.args[0])
+        else:
+            self._presses.forget()
+        if radio.pairs != self._shown:
+            self._shown = radio.pairs
+            self._show_leds(CAPS_LOCK if self._shown else 0)
 
     def _show_leds(self, leds):
         if self._board.signal:
