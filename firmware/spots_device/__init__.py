@@ -5,7 +5,7 @@ loop. ``runtime`` contains the code that differs between MicroPython and Circuit
 """
 
 __version__ = "0.2.0"
-PROTOCOL = 2
+PROTOCOL = 3
 
 
 def const(value):

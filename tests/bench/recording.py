@@ -53,7 +53,7 @@ class _Link:
             self._begun = bytearray()
             framer.touch(0, _READING)
             if spectra:
-                framer.spectrum(0, 1, 9, [1000 + i] * 6)
+                framer.spectrum(0, 1, 9, [1000 + i] * 6, [64] * 8)
             self._pieces.append(bytes(self._begun))
         self.bytes = sum(map(len, self._pieces))
         self.frames = _READINGS * (2 if spectra else 1)

@@ -103,7 +103,7 @@ class StandIn:
             self.closed_at, self.position_um = self._port.count, CLOSING_UM
         fields = self.flags, self.contrast, self.brightness, self.position_um, self.force_mN
         self._framer.touch(0, fields)
-        self._framer.spectrum(0, self.flags, 9, (1000, 2000, 3000, 4000, 5000, 6000))
+        self._framer.spectrum(0, self.flags, 9, (1000, 2000, 3000, 4000, 5000, 6000), [64] * 8)
 
 
 class _Port:

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.board
 @pytest.mark.usefixtures("in_micropython")
 def test_hello_returns_identity_and_settings(rig):
     info = rig().board.info
-    assert info["protocol"] == 2
+    assert info["protocol"] == 3
     assert info["board"] == "virtual"
     assert info["runtime"].startswith("micropython 1.")
     assert info["channels"] == ["F3", "F4", "F5", "F6", "F7", "F8"]
@@ -131,7 +131,7 @@ def test_a_line_that_is_no_text_is_answered_and_the_next_one_works(rig, raw, why
     reply = made.board._channel.replies[-1].content
     assert (reply["re"], reply["why"]) == ("", why)
     assert reply["error"]
-    assert made.board.command("hello")["protocol"] == 2
+    assert made.board.command("hello")["protocol"] == 3
 
 
 def test_lines_in_one_piece_get_one_reply_each(rig):

@@ -82,11 +82,13 @@ def test_a_touch_frame_is_these_28_bytes():
     assert len(port.sent[0]) == 28
 
 
-def test_a_spectrum_frame_carries_six_counts():
+def test_a_spectrum_frame_fits_two_blocks():
     made, port = framer()
-    made.spectrum(0, 8, 9, [1, 65_535, 3, 4, 5, 6])
+    counts, rest = (1, 65_535, 3, 4, 5, 6), (0, 64 * 65_535, 1, 2, 3, 4, -1_048_576, 3)
+    made.spectrum(0, 8, 9, counts, rest)
     payload = cobs.decode(port.sent[0][:-1])
-    assert struct.unpack("<BHIBB6H", payload[:-4]) == (2, 0, 0, 8, 9, 1, 65_535, 3, 4, 5, 6)
+    assert struct.unpack("<BHIBB6H6IiB", payload[:-4]) == (2, 0, 0, 8, 9, *counts, *rest)
+    assert len(port.sent[0]) == 56  # of 64, with a delimiter before it
 
 
 def test_a_contact_frame_is_these_23_bytes():
@@ -117,7 +119,7 @@ def test_a_dropped_frame_is_counted_numbered_and_flagged():
 def test_the_sequence_wraps():
     made, port = framer()
     for _ in range(65_537):
-        made.spectrum(0, 0, 0, [0] * 6)
+        made.spectrum(0, 0, 0, [0] * 6, [0] * 8)
     assert [struct.unpack_from("<H", cobs.decode(s[:-1]), 1)[0] for s in port.sent[-2:]] == [
         65_535,
         0,

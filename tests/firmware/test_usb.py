@@ -451,7 +451,10 @@ class Port:
         buffer[:], self.heard = self.heard[:1], self.heard[1:]
         return 1
 
-    def write(self, buffer, size):
+    def write(self, buffer, *span):
+        *begin, size = span  # as in MicroPython: write(buffer, size), or write(buffer, begin, size)
+        if begin:
+            buffer = memoryview(buffer)[begin[0] :]
         began_us = self.us
         self.us += self.lasts_us
         written = 0
@@ -521,7 +524,7 @@ def a_frame(framer, rng):
         framer._head[KIND] = 1
         framer._send_body(1, TOUCH_SIZE)
     elif kind == "spectrum":
-        framer.spectrum(0, 0, 9, [rng.randrange(4000) for _ in range(6)])
+        framer.spectrum(0, 0, 9, [rng.randrange(4000) for _ in range(6)], [rng.randrange(99)] * 8)
     elif kind == "key":
         framer.key(0, 7, 4, 0, True)
     elif kind == "contact":

@@ -36,8 +36,9 @@ def test_time_is_32_bits_wide():
 def test_a_spectrum_a_key_and_a_text():
     decoder = Decoder()
     counts = (0, 65_535, 2, 3, 4, 5)
-    (spectrum,) = decoder.feed(encoded(struct.pack("<BHIBB6H", 2, 0, 9, 8, 10, *counts)))
-    assert spectrum == Spectrum(0, 0, 9, 8, 10, counts)
+    words = *counts, *counts[::-1], -5, 1
+    (spectrum,) = decoder.feed(encoded(struct.pack("<BHIBB6H6IiB", 2, 0, 9, 8, 10, *words)))
+    assert spectrum == Spectrum(0, 0, 9, 8, 10, counts, None, counts[::-1], -5, 1)
     (key,) = decoder.feed(encoded(struct.pack("<BHIBHBB", 0x14, 1, 9, 7, 30, 2, 1)))
     assert key == Key(1, 1, 9, 7, 30, 2, True)
     (text,) = decoder.feed(encoded(struct.pack("<BHI", 3, 2, 0) + b'{"re": "get"}'))

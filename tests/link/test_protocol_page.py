@@ -20,7 +20,9 @@ def test_each_kind_of_frame_has_an_example_that_decodes():
     touch, spectrum, text, key, contact = found
     assert (touch.sequence, touch.t_us, touch.flags) == (258, 2_000_000, 9)
     assert (touch.position_um, touch.force_mN, touch.trusted) == (42_000, 1500, True)
-    assert tuple(spectrum.counts) == (1200, 2300, 1800, 900, 640, 410)
+    assert spectrum.counts == (1200, 2300, 1800, 900, 640, 410)
+    assert [one / 64 for one in spectrum.taken_off_q6] == [1.25, 1.5, 1.75, 1, 1, 0.75]
+    assert (spectrum.temperature_mC, spectrum.context) == (24_500, 0)
     assert text.content == {"re": "sync"}
     assert (key.page, key.usage, key.pressed) == (7, 30, True)
     assert (contact.id, contact.state, contact.sigma_um) == (3, 2, 18)

@@ -1,10 +1,12 @@
 """Arrays of a recording equal its frames exactly, also in damaged files."""
 
 import dataclasses
+import math
 import random
 import re
 import struct
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -256,6 +258,18 @@ def test_a_recording_is_read_twice_the_same(seen):
     first, again = list(blocks), list(blocks)
     assert dataclasses.asdict(first[-1].stats) == dataclasses.asdict(again[-1].stats)
     assert sum(len(block.touches) for block in first) == sum(len(b.touches) for b in again)
+
+
+def test_a_recording_of_protocol_2_is_read_as_before(path):
+    # In what no other test does: spectra of protocol 2, and both kinds in one block.
+    run = Path(__file__).parents[1] / "data" / "run.spots"
+    assert spots.Recording(run).header.info["protocol"] == 2
+    assert check(run) == 601
+    with spots.open_recording(run, math.inf) as board:
+        assert len(list(board.touches())) == 300
+    old = encoded(struct.pack("<BHIBB6H", 2, 5, 9, 8, 9, *range(6)))
+    assert check(recording_of(path, b"".join([*made(9), old] * 3)), 300) == 30
+    assert (~spots.read_arrays(path).spectra["taken_off_q6"].any(axis=1)).sum() == 3
 
 
 def test_a_kind_has_its_table():

@@ -204,7 +204,7 @@ def test_a_recording_of_a_board_of_another_protocol(tmp_path, capsys):
     header = headed(program="spots 9", info=info)
     path = bad(tmp_path, encoded(header) + stream(1)[0])
     assert (
-        "with protocol 7, but this program reads 2: read the file with the program that wrote it, "
+        "with protocol 7, but this program reads 3: read the file with the program that wrote it, "
         "spots 9" in refused(capsys, "replay", path)
     )
 

@@ -83,9 +83,7 @@ def test_touches_latest_and_statistics_are_those_of_a_board(seen):
     with spots.open_recording(seen.path, AS_FAST_AS_POSSIBLE) as board:
         assert board.read_latest() == touches[0]
         assert list(board.touches()) == touches[1:]
-        states = sum(piece[1:2] == b"\6" for piece in seen.path.read_bytes().split(b"\0"))
-        assert states > 0
-        assert board.stats.frames == len(seen.frames) + 2 + states
+        assert board.stats.frames == len(seen.frames) + 2
         assert (board.stats.lost, board.stats.bad_crc) == (0, 0)
         with refusal(StateError):
             board.read_latest()
@@ -149,7 +147,7 @@ def test_a_recording_can_begin_in_the_middle_of_a_frame_and_of_a_stream(opened, 
     def late(timeout_s):
         nonlocal rest
         rest += read(timeout_s)
-        data, rest = rest[:-7], rest[-7:]
+        data, rest = rest[:-30], rest[-30:]  # more than the zeros that complete a block
         return data
 
     board._link.read = late

@@ -34,7 +34,8 @@ def frames(count: int, seed: int = 0, texts: bool = True, first: int = 0) -> lis
             body += (int(rng.integers(0, 85_000)), int(rng.integers(0, 9000)))
             payload = struct.pack("<BHIBiiiH", 1, *header, int(rng.integers(0, 16)), *body)
         elif kind < 0.9:
-            payload = struct.pack("<BHIBB6H", 2, *header, 9, 9, *rng.integers(0, 3597, 6).tolist())
+            words = *rng.integers(0, 3597, 12).tolist(), 24_500, 1
+            payload = struct.pack("<BHIBB6H6IiB", 2, *header, 9, 9, *words)
         elif kind < 0.97:
             usage = 30 + int(rng.integers(0, 10))
             payload = struct.pack("<BHIBHBB", 4, *header, 7, usage, 0, i % 2)

@@ -103,7 +103,8 @@ def _frames(path):
 def _rows(table, kind):
     columns = {name: table[name].tolist() for name in table.dtype.names}
     if kind is Spectrum:
-        columns["counts"] = list(map(tuple, columns["counts"]))
+        for name in ("counts", "taken_off_q6"):
+            columns[name] = list(map(tuple, columns[name]))
     if "time_s" in columns:
         columns["time_s"] = [None if time != time else time for time in columns["time_s"]]
     rows = map(kind, *(columns[name] for name in kind._fields))

@@ -12,6 +12,7 @@ from array import array
 from ..sensor.smux import CHANNELS
 from . import decode as d
 from .dark import JUMP, chi2
+from .lone import ignore
 
 _LEAST = 12  # counts, sum of all channels: fainter light does not matter
 _SHARE_MAX = 8191  # Q12
@@ -60,10 +61,7 @@ class Ambient:
     def follow(self, tables):
         """Move the dark frame according to the last lit reading; `tables` are as for `kernel`."""
         state = self._state
-        # Such light shifts the misfit, as drift and a second finger do: learn and doubt nothing.
-        state[d.X_FIRM_UM] = -d.NONE
-        state[d.LEARNS] = state[d.DOUBT] = 0
-        state[d.FRESH] = max(state[d.FRESH], 1)
+        ignore(state)
         if self._total < _LEAST or state[d.FLAGS] & (d.SATURATED | d.NOT_CALIBRATED):
             return
         if state[d.FLAGS] & d.TOUCHING:

@@ -18,12 +18,21 @@ TEXT = 3
 KEY = 4
 CONTACT = 5
 
+# Flags, gain code, six counts, and the words of `Framer.spectrum`.
+SPECTRUM_BODY = "<BB6H6IiB"
 KEY_BODY = "<BHBB"  # usage page, usage, modifiers, pressed
 CONTACT_BODY = "<BBiHH"  # id, state, position_um, sigma_um, force_mN
 TEXT_MAX = 888  # bytes; the longest reply is that to `hello`
 
+# Words of what was taken off the counts, see `Framer.spectrum`. The first six are the light.
+TEMPERATURE_MC = 6  # temperature to which the tables of the calibration are shifted
+CONTEXT = 7  # bits, see below
+TAKEN_OFF_SIZE = 8
+UNKNOWN_MC = -1048576
+CHANGING = 1  # the ambient light changes, so the light is an estimate
+TWO = 2  # keys or contacts have seen two fingers
+
 # Bytes of the bodies.
-_SPECTRUM = const(14)
 _KEY = const(5)
 _CONTACT = const(10)
 
@@ -101,18 +110,25 @@ class Framer:
         self.encoded = self._delimited[1:]
         self.dropped = 0
 
-    def spectrum(self, sensor, flags, gain, counts):
-        """Send six counts, flags and gain code as a SPECTRUM frame; return whether it was sent."""
+    def spectrum(self, sensor, flags, gain, counts, taken_off):
+        """Send a SPECTRUM frame; return whether it was sent.
+
+        `taken_off` has what a reading subtracts from the six counts, in units of 1/64 count, then
+        the words `TEMPERATURE_MC` and `CONTEXT`.
+        """
         payload = self.payload
         payload[d.HEADER_SIZE] = flags | self._head[d.GAP]
         payload[d.HEADER_SIZE + 1] = gain
         at = d.HEADER_SIZE + 2
         for i in range(CHANNELS):
-            payload[at] = counts[i] & 0xFF
-            payload[at + 1] = counts[i] >> 8
+            pack_into("<H", payload, at, counts[i])
             at += 2
+        for i in range(CONTEXT):
+            pack_into("<i", payload, at, taken_off[i])
+            at += 4
+        payload[at] = taken_off[CONTEXT]
         self._head[d.KIND] = SPECTRUM | sensor << 4
-        return self.send(frame(self._head, payload, d.HEADER_SIZE + _SPECTRUM, self.encoded))
+        return self.send(frame(self._head, payload, at + 1, self.encoded))
 
     def key(self, sensor, page, usage, modifiers, pressed):
         """Send a key event as a KEY frame; return whether it was sent.

@@ -42,6 +42,13 @@ def begin(state):
     state[d.X_FIRM_UM] = -d.NONE
 
 
+def ignore(state):
+    """Learn and doubt nothing, while light that is no press shifts the misfit, too."""
+    state[d.X_FIRM_UM] = -d.NONE
+    state[d.LEARNS] = state[d.DOUBT] = 0
+    state[d.FRESH] = max(state[d.FRESH], 1)
+
+
 def move(state):
     """Start the mean of `MEAN` again, because the light moved, or with the first firm reading."""
     if state[d.X_FIRM_UM] != -d.NONE:

@@ -5,6 +5,8 @@ sample of a requested dark frame, during a search for settings (command ``autoex
 restarts the sensor to correct the exposure (setting ``mains_hz``).
 """
 
+from array import array
+
 from .. import const
 from ..sensor.exposure import AGAIN, DONE, choose
 from ..sensor.smux import CHANNELS
@@ -13,16 +15,15 @@ from .ambient import Ambient
 from .calibration import Conditions
 from .dark import IDLE_US, Baseline, Dark
 from .decode import Decode
-from .frame import TOUCH
+from .frame import CHANGING, CONTEXT, TAKEN_OFF_SIZE, TEMPERATURE_MC, TOUCH, TWO, UNKNOWN_MC
 from .kernel import process
 
 _LIT = const(0)
 _UNKNOWN = const(1)  # LED on, but without a dark frame: a dark window must come first
 _BLINKING = const(2)  # LED off, dark samples are taken
 _RISING = const(3)  # LED on again, waits for a sample with the LED on all the time
-_UNKNOWN_MC = const(-1048576)  # as in snapshot.py
 _WARM_US = const(60_000_000)  # least time between two shifts of the tables with the temperature
-_STATE_EVERY = const(1000)  # readings between two STATE frames without a dark window
+_Q6_SHIFT = const(6)  # of `decode.SHIFT` for sums over 64 samples
 _UNUSED = const(-1)  # in place of the flags of a sample: it is not part of a reading
 
 
@@ -94,10 +95,9 @@ class Strip:
         # Calibration and conditions for which the baseline was started.
         self._baseline_of = self._baseline_at = None
         self._warmed = 0  # ticks at which the tables were last shifted
-        self._heat_mC = _UNKNOWN_MC  # temperature at that time
-        self._snapshot = None  # sends STATE frames while spectra are streamed
-        # Readings until the next STATE frame; 0 after a change that does not follow from frames.
-        self._state_left = 0
+        # What the present reading has subtracted, see `frame.Framer.spectrum`.
+        self._taken_off = array("i", bytes(4 * TAKEN_OFF_SIZE))
+        self._taken_off[TEMPERATURE_MC] = UNKNOWN_MC
         self._state = _UNKNOWN
         self.lit_flags = 0
 
@@ -163,7 +163,6 @@ class Strip:
             self._dark.schedule(0, 0)
         else:
             self._dark.schedule(self.sensor.exposure_us, values["dark_every"])
-        self._state_left = 0
         self._choose()
 
     def streams(self):
@@ -187,14 +186,8 @@ class Strip:
         """
         self.stream_touch = "touch" in names
         self.stream_spectrum = "spectrum" in names
-        self._snapshot = None
-        if self.stream_spectrum:
-            from .snapshot import Snapshot
-
-            self._snapshot = Snapshot(self)
-            self._state_left = 0
-            if self._heat_mC == _UNKNOWN_MC:
-                self._warm()
+        if self.stream_spectrum and self._taken_off[TEMPERATURE_MC] == UNKNOWN_MC:
+            self._warm()
         why_not = self._outputs.stream_contacts("contact" in names, self.decode.calibration)
         self._choose()
         return why_not
@@ -203,7 +196,6 @@ class Strip:
         """Request a dark frame; ``done()`` is called when the dark frame is complete."""
         self._dark.request_pool()
         self._on_dark = done
-        self._state_left = 0
         self._choose()
 
     def request_search(self, done):
@@ -223,7 +215,6 @@ class Strip:
     def request_tare(self):
         """Use the next reading as the baseline."""
         self._tare_wanted = self._rare = True
-        self._state_left = 0
 
     def use_calibration(self, calibration):
         """Decode readings with a `calibration.Calibration`, or with None.
@@ -236,8 +227,6 @@ class Strip:
             self._baseline_at = self.conditions
             self.baseline.start(calibration, self.sensor.exposure_us)
         self._warm()
-        if self._snapshot is not None:
-            self._snapshot.follow()
 
     def forget_requests(self):
         """Cancel the requested dark frame and the requested search for settings."""
@@ -280,7 +269,7 @@ class Strip:
         # Choose what `take` does with a sample.
         decode = self.decode
         self._work[d.TABLES] = decode.tables
-        used = self._outputs.active or decode.compensation
+        used = self._outputs.active or decode.compensation or self.stream_spectrum
         self._work[d.USE] = self._use_reading if used else None
         self._lit = self.lit_flags if self.sensor.led_on else d.LED_OFF
         self._rare = bool(
@@ -290,16 +279,11 @@ class Strip:
             or self.baseline.left
             or self._tare_wanted
             or self._dark.changing
-            or (self._snapshot is not None and self._state_left <= 0)
         )
 
     def _judge(self, sensor):
         # Return the flags of a sample that is not simply lit, or `_UNUSED`.
         state = self._state
-        if self._state_left <= 0 and self._snapshot is not None and state != _BLINKING:
-            self._state_left = _STATE_EVERY
-            self._snapshot.send()
-            self._choose()
         if state == _RISING and sensor.steady:
             self._state = state = _LIT
             self._choose()
@@ -318,6 +302,8 @@ class Strip:
     def _use(self):
         # Pass a reading to compensation, keys and gamepad, for `kernel.process`; return whether two
         # fingers may have caused it.
+        if self.stream_spectrum:
+            self._take_off()
         if self.decode.compensation:
             self.decode.compensation.take(self._reading, self._time.ticks())
         outputs = self._outputs
@@ -327,6 +313,13 @@ class Strip:
         if outputs.is_object:
             self.request_tare()
         return outputs.two
+
+    def _take_off(self):
+        # Record the light that this reading subtracts, before `process` estimates that of the next.
+        state = self._reading
+        shift = state[d.SHIFT] - _Q6_SHIFT
+        for i in range(CHANNELS):
+            self._taken_off[i] = state[d.FLOOR + i] << shift
 
     def _finish(self, sensor):
         if self._state == _BLINKING:
@@ -364,10 +357,11 @@ class Strip:
         if samples > 1 and not flags & d.LED_OFF:
             for i in range(CHANNELS):
                 sums[i] = (sums[i] + (samples >> 1)) // samples
-        self._framer.spectrum(self.index, flags, self.sensor.gain, sums)
-        self._state_left -= 1
-        if self._state_left <= 0:
-            self._rare = True
+        taken_off = self._taken_off
+        taken_off[CONTEXT] = CHANGING if self._dark.changing else 0
+        if self._outputs.two:
+            taken_off[CONTEXT] |= TWO
+        self._framer.spectrum(self.index, flags, self.sensor.gain, sums, taken_off)
 
     # Rare operations.
 
@@ -413,9 +407,7 @@ class Strip:
         sensor.switch_led(False)
         self.baseline.before()
         self._reading[d.TAKEN] = self._reading[d.PENDING] = 0
-        if self._dark.begin(sensor.exposure_us):
-            self._state_left = 0
-        else:
+        if not self._dark.begin(sensor.exposure_us):
             self.baseline.left = 0
         self._state = _BLINKING
         self._rare = True
@@ -449,13 +441,13 @@ class Strip:
         calibration = self.decode.calibration
         self._warmed = self._time.last
         thermal = calibration and calibration.thermal
-        if thermal is not None or self._snapshot is not None:
+        if thermal is not None or self.stream_spectrum:
             mC = self._temperature()
             if mC is None:
-                mC = _UNKNOWN_MC
+                mC = UNKNOWN_MC
             elif thermal is not None:
                 thermal.follow(mC)
-            self._heat_mC = mC
+            self._taken_off[TEMPERATURE_MC] = mC
 
     def _search_on(self, sensor):
         search = self._search

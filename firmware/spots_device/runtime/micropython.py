@@ -16,10 +16,11 @@ _CTRL_C = const(3)
 _POLLIN = const(1)  # as in `select`
 _POLLOUT = const(4)
 # All writes have this size, which divides the sizes of MicroPython's USB buffer (256 or 512 bytes)
-# and of a USB packet (64 bytes). A TOUCH, SPECTRUM, KEY or CONTACT frame fits in.
+# and of a USB packet (64 bytes). A TOUCH, KEY or CONTACT frame fits in; a SPECTRUM frame needs two.
 _BLOCK = const(32)
+_TWO = const(64)
 _ZEROS = b"\0" * _BLOCK
-_STALL_US = const(10_000)  # longest wait for the host to read the next block of a TEXT frame
+_STALL_US = const(10_000)  # longest wait for the host to read the next block of a frame
 _STEP_US = const(200)
 # A write that takes longer is slow; if the host does not read, a write blocks for half a second.
 _SLOW_US = const(200_000)
@@ -97,10 +98,11 @@ class StdioSerial:
     def write(self, buffer, size):
         """Write a frame if the port has room; return whether it was sent completely.
 
-        A frame that fits a block is written at once or not at all. Allocates nothing then. Bytes of
-        `buffer` after the frame, up to the end of a block and one more, are overwritten by zeros.
+        A frame that fits a block is written at once or not at all; the second block of a frame
+        waits 10 ms at most for the host to read. Both allocate nothing. Bytes of `buffer` after the
+        frame, up to the end of its block and one more, are overwritten by zeros.
         """
-        if size > _BLOCK:
+        if size > _TWO:
             return self._write_long(buffer, size)
         if size != self._size:
             self._pad(buffer, size)
@@ -114,7 +116,11 @@ class StdioSerial:
         sent = self._put(buffer)
         if ticks_diff(ticks_us(), began) < _SLOW_US:
             self._pause_us = 0
-            return sent == _BLOCK
+            if sent != _BLOCK or size <= _BLOCK:
+                return sent == _BLOCK
+            return self._put_second(buffer)
+        if size > _BLOCK:  # the first block may have been sent, and then the frame is whole
+            self._put_second(buffer)
         self._pause_us = min(_PAUSE_TIMES * self._pause_us or _PAUSE_US, _PAUSE_MAX_US)
         self._from = time.ticks_add(ticks_us(), self._pause_us)
         return False
@@ -124,7 +130,7 @@ class StdioSerial:
     def _pad(self, buffer, size):
         # After a frame of the same size, the bytes are 0 already.
         self._size = size
-        for i in range(size, _BLOCK + 1):
+        for i in range(size, (_BLOCK if size <= _BLOCK else _TWO) + 1):
             buffer[i] = 0
 
     def _is_paused(self):
@@ -142,6 +148,17 @@ class StdioSerial:
             return self._out(block, _BLOCK)
         except OSError:
             return 0
+
+    def _put_second(self, buffer):
+        began = ticks_us()
+        while not self._has_room():
+            if ticks_diff(ticks_us(), began) >= _STALL_US:
+                return False
+            time.sleep_us(_STEP_US)
+        try:
+            return self._out(buffer, _BLOCK, _BLOCK) == _BLOCK
+        except OSError:
+            return False
 
     def _write_long(self, buffer, size):
         """Write a TEXT frame block by block; wait 10 ms at most for the host to read. Allocates.

@@ -96,8 +96,7 @@ def recalibrate(parser: Parser):
 
     The result is a new recording, with the readings that the board would have sent. It needs the
     spectra of 'spots record', firmware of this version, and a calibration at the gain, LED current
-    and channels of the recording: calibrate with --keep-settings. After lost frames, readings are
-    unknown for up to ten seconds.
+    and channels of the recording: calibrate with --keep-settings.
 
     examples:
       spots recalibrate run.spots --calibration new.toml

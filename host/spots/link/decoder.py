@@ -18,6 +18,7 @@ from cobs import cobs  # pyright: ignore[reportMissingTypeStubs]
 
 from spots_device.reading import decode, frame
 from spots_device.reading.kernel import TOUCH_BODY
+from spots_device.sensor.smux import CHANNELS
 
 from ..errors import SettingError
 from .frames import (
@@ -40,7 +41,15 @@ _HEADER = struct.Struct("<BHHH")  # kind and sensor, sequence, time low, time hi
 _TOUCH = struct.Struct(TOUCH_BODY)
 
 
-_SPECTRUM = struct.Struct("<BB6H")  # flags, gain, counts
+_SPECTRUM = struct.Struct(frame.SPECTRUM_BODY)
+
+
+# What the body of a spectrum has after the counts; unknown in a recording of protocol 2.
+SPECTRUM_REST = struct.pack("<6IiB", *[0] * CHANNELS, frame.UNKNOWN_MC, 0)
+
+
+# Bytes of the body of a spectrum of protocol 2.
+SPECTRUM_SHORT = _SPECTRUM.size - len(SPECTRUM_REST)
 
 
 _KEY = struct.Struct(frame.KEY_BODY)
@@ -257,8 +266,11 @@ def _touch(sensor: int, sequence: int, t_us: int, body: bytes) -> Touch:
 
 
 def _spectrum(sensor: int, sequence: int, t_us: int, body: bytes) -> Spectrum:
-    flags, gain, *counts = _SPECTRUM.unpack(body)
-    return Spectrum(sensor, sequence, t_us, flags, gain, tuple(counts))
+    if len(body) == SPECTRUM_SHORT:
+        body += SPECTRUM_REST
+    flags, gain, *words, mC, context = _SPECTRUM.unpack(body)
+    counts, taken_off = tuple(words[:CHANNELS]), tuple(words[CHANNELS:])
+    return Spectrum(sensor, sequence, t_us, flags, gain, counts, None, taken_off, mC, context)
 
 
 def _key(sensor: int, sequence: int, t_us: int, body: bytes) -> Key:
@@ -295,7 +307,7 @@ PARSERS: dict[int, Callable[[int, int, int, bytes], Frame]] = {
 # Kinds of frames whose body has a fixed size: their type, and the body's format for `struct`.
 LAYOUTS: dict[int, tuple[type[Reading], str]] = {
     frame.TOUCH: (Touch, TOUCH_BODY),
-    frame.SPECTRUM: (Spectrum, _SPECTRUM.format),
+    frame.SPECTRUM: (Spectrum, frame.SPECTRUM_BODY),
     frame.KEY: (Key, frame.KEY_BODY),
     frame.CONTACT: (Contact, frame.CONTACT_BODY),
 }

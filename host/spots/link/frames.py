@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Union
 
 from spots_device.fingers import contacts as fingers
-from spots_device.reading import decode
+from spots_device.reading import decode, frame
+from spots_device.sensor.smux import CHANNELS
 
 from ..common.certainty import Certainty
 
@@ -133,7 +134,7 @@ def with_sigma(touch: Touch, certainties: Mapping[int, Certainty]) -> Touch:
 
 
 class Spectrum(NamedTuple):
-    """The six raw counts of a reading, without subtraction of the dark frame.
+    """The six raw counts of a reading, and what the board subtracts from them.
 
     Attributes
     ----------
@@ -143,6 +144,15 @@ class Spectrum(NamedTuple):
         Code of the gain register, 0 to 10 for 0.5x to 512x.
     counts : tuple of int
         Counts of ADC 0 to 5. The board's setting ``channels`` names the channel of each ADC.
+    taken_off_q6 : tuple of int
+        Light that the reading subtracts from the counts, in 1/64 count: dark frame, baseline, and
+        light that sticks. 0 in a recording of protocol 2.
+    temperature_mC : int
+        Temperature of the board for which the reading uses the calibration, in 0.001 degrees
+        Celsius; `frame.UNKNOWN_MC` if unknown.
+    context : int
+        Bits `frame.CHANGING` and `frame.TWO`: the ambient light changes, keys or contacts have seen
+        two fingers.
 
     Examples
     --------
@@ -157,6 +167,9 @@ class Spectrum(NamedTuple):
     gain: int
     counts: tuple[int, ...]
     time_s: float | None = None
+    taken_off_q6: tuple[int, ...] = (0,) * CHANNELS
+    temperature_mC: int = frame.UNKNOWN_MC
+    context: int = 0
 
 
 class Key(NamedTuple):

@@ -13,7 +13,7 @@ from spots_device.reading import frame
 from spots_device.reading.decode import CRC_SIZE, HEADER_SIZE
 
 from ..common.certainty import Certainty
-from ..link.decoder import LAYOUTS, NOTE, Decoder
+from ..link.decoder import LAYOUTS, NOTE, SPECTRUM_REST, Decoder
 from ..link.frames import (
     Contact,
     Frame,
@@ -77,9 +77,10 @@ class _Table:
 
 _TABLES = {kind: _Table(*layout) for kind, layout in LAYOUTS.items()}
 # Bytes of an encoded frame, by kind; a note without content has the smallest size.
-_SIZES = {kind: table.size for kind, table in _TABLES.items()} | {
-    NOTE: HEADER_SIZE + CRC_SIZE + _COBS_SIZE
-}
+_SIZES = [(kind, table.size) for kind, table in _TABLES.items()]
+_SIZES.append((NOTE, HEADER_SIZE + CRC_SIZE + _COBS_SIZE))
+_SIZES.append((frame.SPECTRUM, _TABLES[frame.SPECTRUM].size - len(SPECTRUM_REST)))
+_REST = np.frombuffer(SPECTRUM_REST, np.uint8)[:, np.newaxis]
 
 
 # By kind of frame: indices of its pieces, and their payloads, shape (bytes, number of pieces).
@@ -102,6 +103,17 @@ class _Run(NamedTuple):
     tables: _Groups
 
 
+def _merged(
+    where: np.ndarray, columns: np.ndarray, other: tuple[np.ndarray, np.ndarray] | None
+) -> tuple[np.ndarray, np.ndarray]:
+    # Pieces of one kind and two sizes, in order.
+    if other is None:
+        return where, columns
+    where, columns = np.concatenate([where, other[0]]), np.hstack([columns, other[1]])
+    order = where.argsort()
+    return where[order], columns[:, order]
+
+
 class _BlockDecoder(Decoder):
     """Decodes a block of bytes in one call, with the same frames and statistics as `Decoder`."""
 
@@ -114,7 +126,7 @@ class _BlockDecoder(Decoder):
         headers = np.zeros((HEADER_SIZE, len(starts)), np.uint8)
         plain = np.zeros(len(starts), bool)
         groups: _Groups = {}
-        for kind, size in _SIZES.items():
+        for kind, size in _SIZES:
             where = np.flatnonzero(ends - starts == size)
             if not len(where):
                 continue
@@ -122,7 +134,9 @@ class _BlockDecoder(Decoder):
             where = where[good]
             right = columns[0] & 0x0F == kind
             where, columns = where[right], columns if right.all() else columns[:, right]
-            groups[kind] = where, columns
+            if kind == frame.SPECTRUM and len(columns) < _TABLES[kind].size - CRC_SIZE - _COBS_SIZE:
+                columns = np.concatenate([columns, _REST.repeat(len(where), axis=1)])
+            groups[kind] = _merged(where, columns, groups.get(kind))
             headers[:, where] = columns[:HEADER_SIZE]
             plain[where] = True
         begin = 0
@@ -196,8 +210,8 @@ class Arrays:
         2**20), ``position_um`` i4, ``force_mN`` u2, as in `Touch`; ``known`` bool: whether position
         and force are known; ``sigma_um`` f8, as in `Touch`. 48 bytes a row.
     spectra : ndarray, shape (n,)
-        More columns: ``flags`` u1, ``gain`` u1, ``counts`` six u2, as in `Spectrum`. 40 bytes a
-        row.
+        More columns: ``flags`` u1, ``gain`` u1, ``counts`` six u2, ``taken_off_q6`` six u4,
+        ``temperature_mC`` i4, ``context`` u1, as in `Spectrum`. 72 bytes a row.
     keys : ndarray, shape (n,)
         More columns: ``page`` u1, ``usage`` u2, ``modifiers`` u1, ``pressed`` bool, as in `Key`. 32
         bytes a row.

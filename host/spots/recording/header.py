@@ -17,6 +17,7 @@ from ..link.frames import Note
 from ..link.replies import validated
 
 VERSION = 1
+PROTOCOLS = 2, PROTOCOL  # those of boards whose frames this program reads
 _PIECE = 200  # characters of the header in a note; JSON's escapes may double their number
 _COPIES = 2  # of the header in a file
 # Number of bytes that are searched for the header: enough for both copies of a header with the
@@ -169,7 +170,7 @@ def _parsed(path: Path, pieces: dict) -> Header:
             path,
         )
     protocol = header.info.get("protocol")
-    if protocol != PROTOCOL:
+    if protocol not in PROTOCOLS:
         raise FileError(
             f"{path} was recorded from a board with protocol {protocol}, but this program reads "
             f"{PROTOCOL}: read the file with the program that wrote it, {header.program}",

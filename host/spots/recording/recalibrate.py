@@ -1,8 +1,7 @@
 """Computes positions and forces of a recording again with another calibration.
 
 The spectra of the recording pass through the arithmetic of the board's firmware, see
-`replayed_strip`. The state of each strip (dark frame, baseline, drift, light that sticks,
-temperature, silicone) comes from the board's STATE frames, see docs/extend/protocol.md.
+`replayed_strip`.
 """
 
 import struct
@@ -23,18 +22,20 @@ from ..calibrate.calibration_file import FINGER, INDENTER, load
 from ..calibrate.pressers import is_known, used_by
 from ..common import atomic
 from ..errors import CalibrationError, FileError, SettingError
-from ..link.decoder import NOTE, checked, framed
+from ..link.decoder import NOTE, PARSERS, SPECTRUM_SHORT, checked, framed
+from ..link.frames import Spectrum
 from .arrays import Arrays, read_arrays
 from .export import Files
 from .header import Header, encoded
 from .recording import Recording, file_blocks
-from .replayed_strip import STATE, ReplayedStrip, Sample, Values, unknown
+from .replayed_strip import ReplayedStrip, Values, unknown
 from .writer import part_path
 
 _HEAD = struct.Struct("<BHHH")
 _TOUCH = struct.Struct(TOUCH_BODY)
-_SPECTRUM = struct.Struct("<BB6H")
 _BLOCK_BYTES = 1 << 16
+_SPECTRUM_SIZE = struct.calcsize(frame.SPECTRUM_BODY)
+_CONFIGURING = "hello", "get", "set", "autoexpose", "cal", "layout"  # replies with settings
 _SEQUENCES = 1 << 16
 
 
@@ -76,49 +77,30 @@ class _Lane:
     def __init__(self, strip: ReplayedStrip):
         self.strip = strip
         self._touch: _Reading | None = None  # waits for its spectrum
-        self._waiting: deque[_Reading | None] = deque()  # those whose spectrum has been taken
         self.known = self.unknown = 0
         self.why: dict[str, None] = {}
 
     def touch(self, reading: _Reading) -> None:
-        self._orphan()
+        self.end()
         self._touch = reading
 
-    def spectrum(self, sample: Sample) -> None:
-        touch, self._touch = self._touch, None
-        if touch is not None and touch.t_us != sample.t_us:
-            self._touch = touch
-            self._orphan()
-            touch = None
-        self._waiting.append(touch)
-        self._resolve(self.strip.take(sample))
+    def spectrum(self, spectrum: Spectrum) -> None:
+        values = self.strip.take(spectrum)
+        if self._touch is not None and self._touch.t_us == spectrum.t_us:
+            self._set(self._touch, values)
+        self.end()
 
-    def state(self, body: bytes) -> None:
-        self._resolve(self.strip.load(body))
-
-    def lose(self) -> None:
-        self._resolve(self.strip.lose())
-        self._orphan()
-
-    def _resolve(self, found: Iterable[Values]) -> None:
-        for values in found:
-            reading = self._waiting.popleft()
-            if reading is not None:
-                self._set(reading, values)
-
-    def _orphan(self) -> None:
+    def end(self) -> None:
+        """Without its spectrum, a reading is unknown."""
         if self._touch is not None:
             self._set(self._touch, unknown(self._touch.flags))
-            self._touch = None
 
     def _set(self, reading: _Reading, values: Values) -> None:
-        reading.values = values
+        self._touch, reading.values = None, values
         is_known = not values.flags & d.NOT_CALIBRATED
         self.known += is_known
         self.unknown += not is_known
-        if self.strip.why_unknown:
-            self.why[self.strip.why_unknown] = None
-        elif self.strip.why_not:
+        if not is_known and self.strip.why_not:
             self.why[self.strip.why_not] = None
 
 
@@ -134,9 +116,9 @@ def _pieces(blocks: Iterable[bytes]) -> Iterator[tuple[bytes, bytes]]:
 class _Rewriter:
     """Rewrites the frames of a recording with the readings of other calibrations."""
 
-    def __init__(self, lanes: dict[int, _Lane]):
+    def __init__(self, path: Path, lanes: dict[int, _Lane]):
+        self._path = path
         self.lanes = lanes
-        self._expected: int | None = None
         self._removed = 0  # CONTACT frames, whose numbers the later frames get
         # Each with its file and its delimiter. A reading waits for its values.
         self._queue: deque[tuple[IO[bytes], bytes | _Reading, bytes]] = deque()
@@ -151,7 +133,8 @@ class _Rewriter:
 
     def end(self) -> None:
         """End the recording: what is still unknown remains so."""
-        self._lose()
+        for lane in self.lanes.values():
+            lane.end()
         self._write()
 
     def _take(self, piece: bytes, end: bytes) -> None:
@@ -167,31 +150,24 @@ class _Rewriter:
             if b'"header"' not in body:
                 self._put(piece, end)
             return
-        self._count(head[1])
         lane = self.lanes.get(sensor)
         head = (head[0], (head[1] - self._removed) % _SEQUENCES, *head[2:])
         if kind == frame.CONTACT:
             self._removed += 1  # it was computed with the other calibration
             return
         if lane is not None:
-            t_us = head[2] | head[3] << 16
             if kind == frame.TOUCH and len(body) == _TOUCH.size:
                 reading = _Reading(head, body[0])
                 lane.touch(reading)
                 self._put(reading, end)
                 return
-            if kind == frame.SPECTRUM and len(body) == _SPECTRUM.size:
-                flags, _, *counts = _SPECTRUM.unpack(body)
-                lane.spectrum(Sample(t_us, flags, tuple(counts)))
-            elif kind == STATE:
-                lane.state(body)
-            elif kind == frame.TEXT:
-                self._text(lane, body)
+            if kind == frame.SPECTRUM and len(body) == SPECTRUM_SHORT:
+                raise FileError(_SHORT.format(path=self._path), self._path)
+            if kind == frame.SPECTRUM and len(body) == _SPECTRUM_SIZE:
+                lane.spectrum(_spectrum(payload))
+        if kind == frame.TEXT:
+            self._configure(body)
         self._put(framed(_HEAD.pack(*head) + body) if self._removed else piece, end)
-
-    def _lose(self) -> None:
-        for lane in self.lanes.values():
-            lane.lose()
 
     def _write(self) -> None:
         while self._queue:
@@ -207,22 +183,21 @@ class _Rewriter:
         assert self._file
         self._queue.append((self._file, one, end))
 
-    def _count(self, sequence: int) -> None:
-        if self._expected not in (None, sequence):
-            self._lose()
-        self._expected = (sequence + 1) % _SEQUENCES
-
-    def _text(self, lane: _Lane, body: bytes) -> None:
+    def _configure(self, body: bytes) -> None:
         try:
             content = msgspec.json.decode(body, type=dict[str, Any])
-            plan = msgspec.convert(content.get("channels", lane.strip.plan), tuple[str, ...])
+            sensor = msgspec.convert(content.get("sensor", 0), int)
         except msgspec.MsgspecError:
             return
-        if content.get("re") in ("set", "autoexpose", "hello", "get"):
-            lane.strip.plan = plan
-        elif content.get("re") == "cal" and "calibration" in content:
-            lane.strip.own = content["calibration"] == lane.strip.name
-            lane.lose()
+        if sensor in self.lanes and content.get("re") in _CONFIGURING:
+            self.lanes[sensor].strip.configure(content)
+
+
+def _spectrum(payload: bytes) -> Spectrum:
+    kind, sequence, low, high = _HEAD.unpack_from(payload)
+    found = PARSERS[frame.SPECTRUM](kind >> 4, sequence, low | high << 16, payload[_HEAD.size :])
+    assert isinstance(found, Spectrum)
+    return found
 
 
 def recalibrate(
@@ -247,9 +222,9 @@ def recalibrate(
     if header.recalibrated:
         raise FileError(f"{path} is already recalibrated: name the original recording", path)
     new = _by_sensor(recording, calibrations)
-    lanes = {i: _Lane(_strip(header, i, lines)) for i, lines in new.items()}
-    rewriter = _Rewriter(lanes)
+    lanes = {i: _Lane(ReplayedStrip(header.strips[i], lines)) for i, lines in new.items()}
     begin = Path(path)
+    rewriter = _Rewriter(begin, lanes)
     out = Path(out) if out else begin.with_name(f"{begin.stem}-recalibrated{begin.suffix}")
     with Files() as files:
         for at, (one, part) in enumerate(recording.headers.items()):
@@ -260,15 +235,16 @@ def recalibrate(
         known = sum(lane.known for lane in lanes.values())
         why = [*dict.fromkeys(why for lane in lanes.values() for why in lane.why)]
         if not known:
-            because = why[0] if why else _NO_STATE
+            because = why[0] if why else _NO_SPECTRA
             raise FileError(f"no reading of {path} can be computed again: {because}", path)
         paths = files.sync()
     return Recalibrated(paths, known, sum(lane.unknown for lane in lanes.values()), why)
 
 
-_NO_STATE = (
-    "it has no spectra with the states of the strip: record it again with 'spots record', and the "
-    "present firmware"
+_NO_SPECTRA = "it has no spectra: record it again with 'spots record'"
+_SHORT = (
+    "no reading of {path} can be computed again: its spectra do not contain the light that the "
+    "board has subtracted; record it again with the present firmware"
 )
 
 
@@ -276,8 +252,8 @@ def recalibrated(path: str | Path, *calibrations: str | Path | Sequence[str]) ->
     """Read a recording as arrays, with the readings that another calibration gives.
 
     The readings are those that the board would have sent with this calibration, computed by the
-    board's own arithmetic. In `Arrays.touches`, the column ``known`` is false where the state of
-    the strip is unknown: before the first STATE frame, and after lost frames until the next one.
+    board's own arithmetic. In `Arrays.touches`, the column ``known`` is false where the calibration
+    cannot be used, and where the spectrum of a reading was lost.
 
     Parameters
     ----------
@@ -339,13 +315,6 @@ def _by_sensor(
             raise SettingError(f"two calibrations are for board {board}: name one of them")
         found[sensors[board]] = lines
     return found
-
-
-def _strip(header: Header, sensor: int, lines: list[str]) -> ReplayedStrip:
-    info = header.strips[sensor]
-    own = _own(header, sensor)
-    name = checksum(own) if own else info.get("calibration")
-    return ReplayedStrip(info.get("id"), info.get("channels", []), lines, checksum(lines) == name)
 
 
 def _own(header: Header, sensor: int) -> list[str] | None:

@@ -7,12 +7,15 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from spots_device import PROTOCOL
+
 from ..errors import BoardError, SettingError, StateError
 from ..link.board import Board
 from ..link.frames import LinkStats, Reading, Text
 from ..link.link import POLL_S, FrameLink
 from .recording import Recording
 
+_READ = {"protocol": PROTOCOL}  # the frames are those of this program
 # Frames to read in one call; the log of a board has room for more, so no frame is dropped.
 _PUMPED_FRAMES = 1000
 
@@ -63,8 +66,8 @@ class RecordedLink(FrameLink):
             sensor = line.rpartition("sensor=")[2]
             strips: Any = self.info.get("strips")
             if isinstance(strips, list) and sensor.isdecimal() and int(sensor) < len(strips):
-                return {**strips[int(sensor)]}
-            return {**self.info}
+                return {**strips[int(sensor)], **_READ}
+            return {**self.info, **_READ}
         if name == "stream":
             return {"stream": [word for word in words if not word.startswith("sensor=")]}
         raise BoardError(

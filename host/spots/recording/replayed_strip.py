@@ -1,70 +1,59 @@
 """Computes the readings of a strip again from its spectra, by the arithmetic of the board.
 
-The firmware of the board runs here, in portable Python. Only the switching of the LED is not
-decided again: it is that of the recording.
+A spectrum has the counts, what the board has subtracted from them, and the temperature. So contrast
+and brightness follow from one spectrum and the calibration, and so does the position. What follows
+from the spectra before is computed from them: whether a finger touches, the drift, and the force of
+a strip whose silicone creeps.
 """
 
-import struct
 from array import array
-from collections.abc import Iterator, Sequence
-from enum import IntEnum
-from types import SimpleNamespace
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, NamedTuple
 
-from spots_device.board.settings import checksum
+import msgspec
+
 from spots_device.reading import decode as d
-from spots_device.reading import snapshot
-from spots_device.reading import strip as of_board
-from spots_device.reading.calibration import CalibrationSlot
+from spots_device.reading import frame, lone
+from spots_device.reading.calibration import CalibrationSlot, Conditions
+from spots_device.reading.dark import Baseline, Dark
+from spots_device.reading.kernel import process
 from spots_device.sensor.smux import CHANNELS
 
-STATE = snapshot.KIND
-_PER_WINDOW = 4
-_UNKNOWN_MC = -(1 << 20)
+from ..link.frames import Spectrum
 
-
-class State(IntEnum):
-    """Single values at the beginning of a STATE frame, in the order of `snapshot.Snapshot`."""
-
-    STEP = 0
-    LIT_FLAGS = 1
-    TARE_WANTED = 2
-    GAIN = 3
-    LED_MA = 4
-    STRAIN_PPM = 5
-    HEAT_MC = 6
-    FINGERS = 7
-    COUNT = 8
-    CHANGING = 9
-    LAST = 10
-    EVERY = 11
-    COUNTED = 12
-    LEFT = 13
-    LAMP = 14
-    MOVED = 15
-    CONTRADICTED = 16
-    SINCE = 17
-    X_UM = 18
-    FORCE = 19
-
-
-SINGLE = len(State)
-_PARTS = 3  # of `decode.Decode.state` that follow
-INDICES = (
-    *range(d.COARSE_SUM),
-    *range(d.SUMS, d.FOUND),
-    *range(d.STICK, d.BEYOND),
-)
-_WORD = {at: SINGLE + i for i, at in enumerate(INDICES)}
-# Words that belong to the light without the LED, and not to a calibration.
-_OF_LIGHT = (*range(d.DARK, d.DARK + CHANNELS), d.AGE_US, d.EVERY_US, d.AGE_STEP_US, d.IDLE_MIN_US)
-
+_FLOOR_SAMPLES = 64  # of `Spectrum.taken_off_q6`
+_Q12_SHIFT = 6  # from 1/64 count to Q12
+_KNOWN = d.SATURATED | d.DARK_SUBTRACTED | d.LED_OFF  # flags that belong to the counts
+_TICK_SHIFT = 10  # from us to ticks of 1.024 ms
+_NO_TABLES = array("i", bytes(4))
 
 # End of a sentence of the board about its settings, which a recording cannot change.
 _SET_THIS = "; set this, or calibrate again"
+_NO_DARK = "no dark frame was subtracted: record again after 'spots command dark'"
+_AVERAGE = "the counts are rounded means of several samples: record with average=1"
 
 
-def _calibrate_at(made: of_board.Conditions) -> str:
+class _Settings(msgspec.Struct, frozen=True):
+    """What the board reports in replies, and on which readings depend."""
+
+    id: str = ""
+    channels: tuple[str, ...] = ()
+    gain: int = 0
+    exposure_us: Annotated[int, msgspec.Meta(gt=0)] = 1
+    led_mA: int = 0
+    led: str = ""
+    strain_ppm: int = 0
+    average: int = 1
+
+    def after(self, reply: Mapping[str, Any]) -> "_Settings":
+        """Return the settings after a reply; the same ones if the reply is invalid."""
+        try:
+            return msgspec.convert({**msgspec.structs.asdict(self), **reply}, _Settings)
+        except msgspec.ValidationError:
+            return self
+
+
+def _calibrate_at(made: Conditions) -> str:
     return (
         f", the recording at gain={made.gain} led_mA={made.led_mA} "
         f"channels={','.join(made.plan)}: set these, and calibrate with --keep-settings"
@@ -81,241 +70,100 @@ class Values(NamedTuple):
     force_mN: int = 0
 
 
-class _Sensor:
-    """In place of the driver of the sensor: the samples of the recording."""
-
-    full_scale = 1 << 16
-    thermometer = None
-
-    def __init__(self):
-        self.pacing = SimpleNamespace(missed=0)
-        self.counts = array("i", bytes(4 * CHANNELS))
-        self.saturated = False
-        self.steady = self.led_on = True
-        self.complete = self.gain = self.led_mA = self.exposure_us = 0
-        self.plan: tuple[str, ...] = ()
-
-    def switch_led(self, on: bool) -> None:
-        self.led_on = on
-
-    def check(self) -> None:
-        pass
-
-
-class _Strip(of_board.Strip):
-    """A strip whose LED is switched by the recording."""
-
-    _forced = False
-
-    def force(self, samples: int) -> None:
-        """Begin a series of dark samples."""
-        self._forced = True
-        self._start_blink(self.sensor)
-        self._forced = False
-        self._dark._left = samples
-
-    def _start_blink(self, sensor: Any) -> None:
-        if self._forced:
-            super()._start_blink(sensor)
-
-    def _warm(self) -> None:
-        pass  # STATE frames contain the temperature
-
-    def load(self, words: Sequence[int], own: bool) -> None:
-        """Use the state of a STATE frame, or only that of the light (`own` false)."""
-        state, dark, baseline, ambient = self._reading, self._dark, self.baseline, self._ambient
-        self._state, self.lit_flags = words[State.STEP], words[State.LIT_FLAGS]
-        self.sensor.led_on = True
-        dark.count, dark.changing, dark._last = (
-            words[State.COUNT],
-            words[State.CHANGING],
-            words[State.LAST],
-        )
-        dark._every, dark._exposure_us = words[State.EVERY], words[_WORD[d.AGE_STEP_US]]
-        ambient._total = words[State.LAMP]
-        arrays = snapshot.arrays(self)
-        for at in INDICES if own else _OF_LIGHT:
-            state[at] = words[_WORD[at]]
-        state[d.STREAMED] = 0
-        at = SINGLE + len(INDICES)
-        dark_only = (dark.window, ambient._lamp)
-        for one in arrays[_PARTS:]:
-            if own or any(one is other for other in dark_only):
-                part = words[at : at + len(one)]
-                for i, value in enumerate(part):
-                    one[i] = value
-            at += len(one)
-        if own:
-            self._tare_wanted = bool(words[State.TARE_WANTED])
-            baseline._count, baseline.left = words[State.COUNTED], words[State.LEFT]
-            ambient._moved = words[State.MOVED]
-            ambient._is_contradicted = bool(words[State.CONTRADICTED])
-            silicone = self.decode.compensation
-            if silicone:
-                silicone._t, silicone._x_um = words[State.SINCE], words[State.X_UM]
-                silicone._force = words[State.FORCE]
-        else:
-            baseline.update()
-        self._choose()
-
-
-class Sample(NamedTuple):
-    """A spectrum of a recording; `t_us` is the time of its reading."""
-
-    t_us: int
-    flags: int
-    counts: tuple[int, ...]
-
-
 class ReplayedStrip:
     """Computes the readings of one strip of a recording again.
 
-    `uid` is the id of the strip, `plan` the channels of its ADCs. The lines of the calibration are
-    empty without one; `own` is whether the board uses it. `name` is its checksum. `why_not` is why
-    it cannot be used at the present settings of the board, None if it can. `why_unknown` is why the
-    readings after the last STATE frame cannot be computed; empty if they can.
+    `info` is the reply to ``hello``, `lines` the calibration. `why_not` is why it cannot be used at
+    the present settings of the board, None if it can.
     """
 
-    def __init__(self, uid: str | None, plan: Sequence[str], lines: Sequence[str], own: bool):
-        self._uid, self.own, self.name = uid, own, checksum(lines)
-        self._sensor = _Sensor()
-        self._sensor.plan = tuple(plan)
+    def __init__(self, info: Mapping[str, Any], lines: Sequence[str]):
+        self._settings = _Settings()
         self._slot = CalibrationSlot()
         self._slot.use(list(lines))
-        self._clock = SimpleNamespace(ticks_us=lambda: 0, ticks_diff=lambda one, other: one - other)
-        self._new_strip()
-        self._key: object = None
-        self._series: list[Sample] = []
-        self.why_not: str | None = None
-        self.why_unknown = ""
-        self.is_known = False
-
-    def _new_strip(self) -> None:
+        self._decode = d.Decode()
+        self._state = state = self._decode.state
+        state[d.AVERAGE] = 1
+        self._decode.scale(1, _FLOOR_SAMPLES)
+        self._baseline = Baseline(Dark(state))
+        self._baseline.rescale(1)
+        self._counts = array("i", bytes(4 * CHANNELS))
         head = array("i", bytes(4 * d.HEAD_SIZE))
-        time = SimpleNamespace(head=head, last=0, ticks=self._ticks)
-        framer = SimpleNamespace(send=None, payload=None, encoded=None)
-        outputs = SimpleNamespace(active=False, streams_contacts=False)
-        settings = SimpleNamespace(values={})
-        self._head = head
-        self._strip = _Strip(
-            0, self._uid, self._sensor, framer, time, self._clock, settings, outputs
-        )
-        self._strip._mains_hz = self._strip._missed = 0
+        self._work = [state, _NO_TABLES, self._counts, head, None, None, self._use]
+        self._spectrum: Spectrum | None = None
+        self._is_dark = False
+        self._conditions: object = None
+        self.why_not: str | None = None
+        self.configure(info)
 
-    def _ticks(self) -> int:
-        return self._head[d.TIME_HIGH] << 6 | self._head[d.TIME_LOW] >> 10
-
-    @property
-    def plan(self) -> tuple[str, ...]:
-        """Channels of the ADCs."""
-        return self._sensor.plan
-
-    @plan.setter
-    def plan(self, plan: Sequence[str]) -> None:
-        self._sensor.plan = tuple(plan)
-
-    def lose(self) -> Iterator[Values]:
-        """Frames are missing, or the recording ends: nothing is known until the next state."""
-        if self._series:
-            self._strip.force(len(self._series))
-        for one in self._series:
-            yield self._process(one, steady=False)  # without light, its values are known
-        self._series.clear()
-        self.is_known = False
-
-    def load(self, body: bytes) -> Iterator[Values]:
-        """Take the content of a STATE frame."""
-        yield from self._end_series()
-        words = struct.unpack(f"<{len(body) // 4}i", body)
-        sensor, strip = self._sensor, self._strip
-        self.why_unknown = _why_unknown(words)
-        if self.why_unknown:
-            self.is_known = False
+    def configure(self, reply: Mapping[str, Any]) -> None:
+        """Take a reply of the board: settings, or the result of an upload."""
+        before, self._settings = self._settings, self._settings.after(reply)
+        if self._settings == before and reply.get("re") in ("hello", "get"):
             return
-        sensor.gain, sensor.led_mA = words[State.GAIN], words[State.LED_MA]
-        sensor.exposure_us = words[_WORD[d.EXPOSURE_US]]
-        conditions = of_board.Conditions(
-            self._uid, self.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
-        )
-        key = conditions, words[State.STRAIN_PPM]
-        begins = key != self._key or not self.is_known
-        found = strip.decode.calibration
-        if begins:
-            self._key = key
-            found, self.why_not = self._slot.choose(*key)
-            if self.why_not:
-                self.why_not = self.why_not.replace(_SET_THIS, _calibrate_at(conditions))
-            if not words[State.LIT_FLAGS]:
-                found = None
-            strip.conditions = conditions
-            if not self.own:
-                strip.load(words, True)
-                strip._baseline_of = self  # the baseline restarts
-                strip._tare_wanted = False
-                for at in (d.DRIFT, d.SLOPE, d.SEEN, d.LEARNS, d.FRESH, d.TOUCHED, d.LEVEL):
-                    strip._reading[at] = 0
-                strip._reading[d.ODD_US] = 0
-            strip.use_calibration(found)
-            if found is not None and found.compensation is not None and not self.own:
-                silicone = found.compensation
-                silicone._t = silicone._x_um = silicone._force = 0
-                for i in range(len(silicone._state)):
-                    silicone._state[i] = 0
-        if found is not None and found.thermal is not None and words[State.HEAT_MC] != _UNKNOWN_MC:
-            found.thermal.follow(words[State.HEAT_MC])
-        strip.load(words, self.own)
-        self.is_known = True
+        s = self._settings
+        conditions = Conditions(s.id, s.channels, s.gain, s.exposure_us, s.led_mA)
+        found, self.why_not = self._slot.choose(conditions, s.strain_ppm)
+        if self.why_not:
+            self.why_not = self.why_not.replace(_SET_THIS, _calibrate_at(conditions))
+        if s.average != 1:
+            found, self.why_not = None, _AVERAGE
+        self._decode.calibration = found
+        if conditions != self._conditions:
+            self._conditions = conditions
+            self._baseline.unstick()
+        self._state[d.EXPOSURE_US] = s.exposure_us
+        self._state[d.AGE_STEP_US] = 0 if s.led == "always" else s.exposure_us
 
-    def take(self, sample: Sample) -> Iterator[Values]:
-        """Take the next spectrum; yield the values of readings, in order, as soon as known."""
-        kind = sample.flags & (d.LED_OFF | d.DARK_SUBTRACTED)
-        if not self.is_known:
-            yield unknown(sample.flags)
-        elif kind == d.LED_OFF and self._strip.lit_flags:
-            self._series.append(sample)
+    def take(self, spectrum: Spectrum) -> Values:
+        """Return the values of a reading."""
+        state, tables, flags = self._state, self._decode.tables, spectrum.flags & _KNOWN
+        if flags & d.LED_OFF:
+            self._is_dark = True
         else:
-            yield from self._end_series()
-            yield self._process(sample, steady=not kind & d.LED_OFF)
+            if self._is_dark:  # as after a dark window
+                self._is_dark = False
+                state[d.LEVEL] = state[d.ODD_US] = 0
+            if not flags & d.DARK_SUBTRACTED:
+                tables = _NO_TABLES
+                self.why_not = self.why_not or _NO_DARK
+            self._take_off(spectrum)
+        self._spectrum = spectrum
+        self._counts[:] = array("i", spectrum.counts)
+        self._work[d.TABLES] = tables
+        process(self._work, flags)
+        if spectrum.context & frame.CHANGING and not flags & d.LED_OFF:
+            lone.ignore(state)
+        return Values(*state[: d.FORCE_MN + 1])
 
-    def _end_series(self) -> Iterator[Values]:
-        # The first one or two samples of a series began before the LED was off. So the length of
-        # the series shows how many were dark: one, or a multiple of four.
-        if not self._series:
-            return
-        count = len(self._series)
-        dark = 1 if count < _PER_WINDOW else count - count % _PER_WINDOW
-        self._strip.force(dark)
-        for i, one in enumerate(self._series):
-            yield self._process(one, steady=i >= count - dark)
-        self._series.clear()
+    def _take_off(self, spectrum: Spectrum) -> None:
+        state, made = self._state, self._decode.calibration
+        floor = spectrum.taken_off_q6
+        if made is not None:
+            if made.thermal is not None and spectrum.temperature_mC != frame.UNKNOWN_MC:
+                made.thermal.follow(spectrum.temperature_mC)
+            if made.baseline and spectrum.flags & d.NOT_CALIBRATED:
+                # Without a calibration, the board has subtracted no baseline.
+                ratio = state[d.EXPOSURE_US] / made.conditions.exposure_us
+                floor = [one + int(rest * ratio) for one, rest in zip(floor, made.baseline)]
+        sticks = state[d.STUCK] >= d.STUCK_LEAST
+        for i, one in enumerate(floor):
+            state[d.FLOOR + i] = one
+            # The light that sticks is computed again, to see when a touch ends.
+            state[d.DARK + i] = (one << _Q12_SHIFT) - (state[d.STICK + i] if sticks else 0)
 
-    def _process(self, sample: Sample, steady: bool) -> Values:
-        sensor, head, strip = self._sensor, self._head, self._strip
-        for i, count in enumerate(sample.counts):
-            sensor.counts[i] = count
-        sensor.steady = steady
-        sensor.saturated = bool(sample.flags & d.SATURATED)
-        head[d.TIME_LOW], head[d.TIME_HIGH] = sample.t_us & 0xFFFF, sample.t_us >> 16
-        head[d.LESS_US] = sensor.exposure_us >> 1
-        strip.take()
-        state = strip._reading
-        return Values(
-            state[d.FLAGS],
-            state[d.CONTRAST],
-            state[d.BRIGHTNESS],
-            state[d.POSITION_UM],
-            state[d.FORCE_MN],
-        )
+    def _use(self) -> bool:
+        state, spectrum = self._state, self._spectrum
+        assert spectrum
+        silicone = self._decode.compensation
+        if silicone is not None:
+            silicone.take(state, spectrum.t_us >> _TICK_SHIFT)
+        flags = state[d.FLAGS]
+        if spectrum.context & frame.TWO and flags & d.TOUCHING:
+            state[d.FLAGS] = flags | (d.MISFIT if flags & d.MISFIT else d.MISFIT | d.TOO_DARK)
+        return False
 
 
 def unknown(flags: int) -> Values:
-    """Return the values of a reading that is unknown, from the flags of its spectrum."""
-    return Values(flags & (d.SATURATED | d.DARK_SUBTRACTED | d.LED_OFF) | d.NOT_CALIBRATED)
-
-
-def _why_unknown(words: Sequence[int]) -> str:
-    if words[_WORD[d.AVERAGE]] != 1:
-        return "the counts are rounded means of several samples: record with average=1"
-    if words[State.FINGERS]:
-        return "keys or contacts were on: record with keys=0, and without the stream of contacts"
-    return ""
+    """Return the values of a reading that is unknown, from the flags of its touch."""
+    return Values(flags & _KNOWN | d.NOT_CALIBRATED)

@@ -26,9 +26,11 @@ const BODIES = {
     kind: "touch", flags: body.getUint8(0), contrast_q20: body.getInt32(1, true), brightness_q20: body.getInt32(5, true),
     position_um: body.getInt32(9, true), force_mN: body.getUint16(13, true),
   })],
-  2: [14, (body) => ({
+  2: [43, (body) => ({
     kind: "spectrum", flags: body.getUint8(0), gain: body.getUint8(1),
     counts: [2, 4, 6, 8, 10, 12].map((at) => body.getUint16(at, true)),
+    taken_off_q6: [14, 18, 22, 26, 30, 34].map((at) => body.getUint32(at, true)),
+    temperature_mC: body.getInt32(38, true), context: body.getUint8(42),
   })],
   4: [5, (body) => ({
     kind: "key", page: body.getUint8(0), usage: body.getUint16(1, true), modifiers: body.getUint8(3), pressed: body.getUint8(4) !== 0,
@@ -38,7 +40,8 @@ const BODIES = {
     sigma_um: body.getUint16(6, true), force_mN: body.getUint16(8, true),
   })],
 };
-const TEXT = 3, NOTE = 15; // a note is in recordings only
+const REST = [...Array(24).fill(0), 0, 0, 0xf0, 0xff, 0]; // what a spectrum of protocol 2 does not have: unknown
+const SPECTRUM = 2, TEXT = 3, NOTE = 15; // a note is in recordings only
 const READINGS = [1, 2, 5], NUMBERS = 2 ** 16, RECENT = 64, RECENT_LEAST = 8;
 const BACK_US = 60_000_000; // a frame may be older than the frame before it, by less than this
 const modulo = (us) => (us + 2 ** 32) % 2 ** 32; // the time of a board starts at 0 again
@@ -79,13 +82,15 @@ export class Decoder {
       this.stats.bad++;
       return null;
     }
-    const kind = raw[0] & 15, sequence = view.getUint16(1, true), t_us = view.getUint32(3, true), body = raw.subarray(HEADER, size);
+    const kind = raw[0] & 15, sequence = view.getUint16(1, true), t_us = view.getUint32(3, true);
+    let body = raw.subarray(HEADER, size);
     if (kind === NOTE) return this.#object({ kind: "note", since_us: sequence * 2 ** 32 + t_us }, body.length ? body : EMPTY);
     this.#count(kind, sequence, t_us);
     const head = { sensor: raw[0] >> 4, sequence, t_us }, [bodySize, read] = BODIES[kind] ?? [];
     if (kind === TEXT) return this.#object({ ...head, kind: "text" }, body);
     if (!read) return null; // a kind of a later version
-    if (size - HEADER === bodySize) return { ...head, ...read(new DataView(raw.buffer, HEADER, bodySize)) };
+    if (kind === SPECTRUM && body.length + REST.length === bodySize) body = Uint8Array.of(...body, ...REST);
+    if (body.length === bodySize) return { ...head, ...read(new DataView(body.buffer, body.byteOffset, bodySize)) };
     this.stats.bad++;
     return null;
   }
