@@ -122,6 +122,7 @@ pictures: .venv/test browser live
 	@PYTHONPATH=docs $(BIN)/python -m make.press
 	@PYTHONPATH=docs $(BIN)/python -m make.link_states
 	@PYTHONPATH=docs $(BIN)/python -m make.parts_page
+	@PYTHONPATH=docs $(BIN)/python -m make.battery_page
 	@$(BIN)/python docs/make/screenshots.py
 	@$(BIN)/python docs/make/clip.py
 

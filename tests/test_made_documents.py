@@ -12,6 +12,7 @@ import msgspec
 import pytest
 from make import (
     applications_page,
+    battery_page,
     cheapest_page,
     link_states,
     linkage_page,
@@ -103,6 +104,10 @@ def test_the_parts_and_costs_of_all_pages_are_those_of_one_list():
     """Fails if a page, the README or the CSV has another part, amount or price."""
     for path, text in parts_page.documents().items():
         assert path.read_text(encoding="utf-8") == text, path
+
+
+def test_how_long_a_battery_lasts_is_what_is_computed():
+    assert battery_page._PAGE.read_text(encoding="utf-8") == battery_page.document()
 
 
 def test_the_page_of_the_cheapest_strip(tmp_path, monkeypatch):
