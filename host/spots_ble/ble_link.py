@@ -28,6 +28,8 @@ _T = TypeVar("_T")
 _FIND_S = 8.0  # a board advertises 33 times a second, but a host listens only some of the time
 _CONNECT_S = 20.0
 _ANSWER_S = 5.0
+_NO_MEMORY = 0x11  # "Insufficient Resources", Bluetooth Core 5.4, Vol 3 Part F 3.4.1.1
+_AGAIN_S = 0.1
 
 
 def open_port(target: str, options: Namespace | None = None) -> Board:
@@ -107,7 +109,9 @@ class BleLink(Link):
                 raise PortError(f"the board {self.name} has no serial port: set radio=both")
             size = one.max_write_without_response_size
             for at in range(0, len(data), size):
-                await client.write_gatt_char(one, data[at : at + size], response=True)
+                part = data[at : at + size]
+                while not await _is_taken(client.write_gatt_char(one, part, response=True)):
+                    await asyncio.sleep(_AGAIN_S)  # the stack of the board is full of frames
 
         try:
             self._wait(send(), _ANSWER_S)
@@ -199,3 +203,13 @@ class BleLink(Link):
             if client is self._client:
                 self._lost = True
             self._changed.notify_all()
+
+
+async def _is_taken(write: Coroutine[Any, Any, None]) -> bool:
+    try:
+        await write
+    except BleakError as error:
+        if error.args[:1] != (_NO_MEMORY,):
+            raise
+        return False
+    return True

@@ -1,6 +1,7 @@
 """The port ``ble:NAME``: bleak's own client and scanner, on an adapter that Bumble simulates."""
 
 import pytest
+from bleak.exc import BleakGATTProtocolError
 from support.refusals import refusal
 
 from bleak_backends import Adapter
@@ -54,6 +55,22 @@ def test_a_connection_that_ends_is_made_again(rig, computer):
         adapter.drop()
         after = next(frame.time_s for frame in frames if frame.time_s > before + 1.0)
         assert after < before + 10.0
+
+
+def test_a_write_that_the_stack_of_the_board_has_no_memory_for_is_sent_again(computer):
+    """Fails if a bonded computer is told to pair."""
+    adapter = computer()
+    errors = [BleakGATTProtocolError(0x11), BleakGATTProtocolError(0x11)]
+
+    class Client(adapter.client()):
+        async def write_gatt_char(self, *arguments, **options):
+            if errors:
+                raise errors.pop()
+            return await super().write_gatt_char(*arguments, **options)
+
+    with Board(BleLink("", adapter.scanner(), Client)) as board:
+        assert board.command("get")["radio"] == "both"
+    assert not errors
 
 
 def test_a_computer_that_is_not_bonded_is_told_how_to_pair(rig, computer):
