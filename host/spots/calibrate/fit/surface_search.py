@@ -59,22 +59,22 @@ def fitted(
 
 
 def _best(best: Surface, searched: list[tuple[str, int | None]]) -> Surface:
-    """Change the sizes `searched` one after the other while this increases the evidence."""
-    for _ in range(_SWEEPS):
-        before = best
-        for name, channel in searched:
-            grid, value = _GRIDS[name], getattr(best.sizes, name)
-            at = grid.index(value if channel is None else value[channel])
-            for step in (-1, 1):
-                for size in grid[at + step :: step] if at + step >= 0 else ():
-                    changed = size
-                    if channel is not None:
-                        changed = (*value[:channel], size, *value[channel + 1 :])
-                    sizes = replace(best.sizes, **{name: changed})
-                    surface = replace(best, sizes=sizes, start=best)
-                    if surface.evidence <= best.evidence:
-                        break
-                    best = surface
-        if best is before:
+    """Change the sizes `searched` in turn, until none of them increases the evidence."""
+    unchanged = 0
+    for name, channel in searched * _SWEEPS:
+        before, grid, value = best, _GRIDS[name], getattr(best.sizes, name)
+        at = grid.index(value if channel is None else value[channel])
+        for step in (-1, 1):
+            for size in grid[at + step :: step] if at + step >= 0 else ():
+                changed = size
+                if channel is not None:
+                    changed = (*value[:channel], size, *value[channel + 1 :])
+                sizes = replace(best.sizes, **{name: changed})
+                surface = replace(best, sizes=sizes, start=best)
+                if surface.evidence <= best.evidence:
+                    break
+                best = surface
+        unchanged = unchanged + 1 if best is before else 0
+        if unchanged == len(searched):
             break
     return best
