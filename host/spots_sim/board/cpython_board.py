@@ -8,11 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import importlib
-import importlib.util
-import itertools
 import os
-import pkgutil
 import platform
 import runpy
 import sys
@@ -22,14 +18,13 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Protocol
 
-import spots_device
 from spots.common import atomic
-from spots.deploy.staging import BOARDS, VIPER, device_of
+from spots.deploy.staging import BOARDS, device_of
 from spots_device.board.start import AFTER_CRASH_MS, CRASH_CHARACTERS
 from spots_device.runtime.common import ADDRESS, free_bus, rp2_mC
 
 from ..chip.bus import I2CBus
-from . import thermometer
+from . import copies, thermometer
 from .bluetooth import Bluetooth
 from .cpu import Cpu
 from .faults import BoardFaults, FaultyBus
@@ -38,11 +33,7 @@ from .usb import UsbHost
 
 _TICKS = protocol.PERIOD_US
 _slow_down = runpy.run_path(str(BOARDS / "_virtual" / "_cpu.py"))["slow_down"]
-# Modules that only MicroPython or CircuitPython can import.
-_OTHERS = VIPER, "circuitpython", "micropython"
 _MODULES = "board.app", "sensor.as7341", "radio.start"
-
-_numbers = itertools.count()
 
 
 class BoardPort(Protocol):
@@ -179,16 +170,7 @@ def _load(folder: Path) -> str:
 
     Each boot needs a new copy, so that a reset loses all state and boards share no state.
     """
-    name = f"_spots_board_{next(_numbers)}"
-    spec = importlib.util.spec_from_file_location(
-        name, spots_device.__file__, submodule_search_locations=list(spots_device.__path__)
-    )
-    package = importlib.util.module_from_spec(spec)
-    sys.modules[name] = package
-    spec.loader.exec_module(package)
-    for module in pkgutil.walk_packages(package.__path__, f"{name}."):
-        if not (".runtime." in module.name or module.name.endswith(_OTHERS)):
-            importlib.import_module(module.name)
+    name = copies.load()
     use_folder(sys.modules[f"{name}.board.store"], folder)
     # `gc.collect` would search the memory of the whole program, so samples would be lost.
     for module in [sys.modules[key] for key in sys.modules if key.startswith(f"{name}.")]:
