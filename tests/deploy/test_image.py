@@ -270,7 +270,7 @@ def test_a_damaged_runtime_is_refused_and_nothing_written(tmp_path, monkeypatch)
     good = runtimes.micropython(*runtimes.PICO)
     runtime, out = tmp_path / "runtime.uf2", tmp_path / "spots.uf2"
     chance = random.Random(20261127)
-    for _ in range(1000):
+    for _ in range(250):
         data, what = mutated(good, chance)
         runtime.write_bytes(data)
         with refusal(FileError, file="runtime.uf2") as refused:
