@@ -185,6 +185,7 @@ def test_a_sensor_that_returns_without_memory_for_keys_does_not_end_the_loop(mon
     monkeypatch.setattr(layout_module, "parse", full)
     board.find()
     assert "no memory is left for keys" in board.app.apply_calibration()["note"]
+    assert any("no memory is left for keys" in fault for fault in board.command("hello")["boot"])
 
 
 def test_memory_that_ran_out_once_is_not_reported_for_ever(monkeypatch):

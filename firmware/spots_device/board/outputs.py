@@ -74,7 +74,7 @@ class Outputs:
         self._time = time
         self._interfaces = interfaces
         self.is_object = self.two = self.streams_contacts = False
-        self._memory_fault = None
+        self.memory_fault = None
         self.needs_reboot = False
         self._keypad = self._layout = None
         self._contacts = None  # `contacts.Fingers` while contacts are streamed
@@ -116,7 +116,7 @@ class Outputs:
         """
         self.release()
         known = calibration is not None
-        self._memory_fault = None
+        self.memory_fault = None
         self._keys_on = bool(self._values["keys"]) and known
         self._gamepad_on = bool(self._values["gamepad"]) and known and self._axes is not None
         if self._keys_on:
@@ -131,7 +131,7 @@ class Outputs:
                 length_um, decay = calibration.length_um, calibration.decay
                 self._keypad.set_layout(self._get_layout(), length_um, decay, calibration.cross)
             except MemoryError:
-                self._memory_fault = _NO_MEMORY
+                self.memory_fault = _NO_MEMORY
                 self._keys_on = False
         if self._gamepad_on:
             self._axes.set_range(calibration.length_um, calibration.forces_mN[-1])
@@ -154,11 +154,11 @@ class Outputs:
         """
         if on != self.streams_contacts:
             self.streams_contacts = on
-            self._memory_fault = None
+            self.memory_fault = None
             self._follow(calibration)
         if not on:
             return None
-        return self._memory_fault if calibration else "without a calibration there are no contacts"
+        return self.memory_fault if calibration else "without a calibration there are no contacts"
 
     def note(self, calibration):
         """Return why keys or gamepad do not work although they are switched on, or None.
@@ -175,8 +175,8 @@ class Outputs:
         """
         wanted = self.wanted()
         missing, opens = self._interfaces.missing(wanted)
-        self.needs_reboot = bool(opens or self._memory_fault)
-        notes = [self._memory_fault, missing]
+        self.needs_reboot = bool(opens or self.memory_fault)
+        notes = [self.memory_fault, missing]
         if wanted and calibration is None:
             notes.insert(0, "keys and gamepad need a calibration")
             self.needs_reboot = False  # it is not all
@@ -349,7 +349,7 @@ class Outputs:
                 self._fingers = self._contacts
                 self._tracker = self._tracker or tracker
             except MemoryError:
-                self._memory_fault = _NO_MEMORY
+                self.memory_fault = _NO_MEMORY
         self._activate()
 
     def _activate(self):
@@ -369,7 +369,7 @@ class Outputs:
             try:
                 kinds = (0,) + self._get_layout().pages
             except MemoryError:
-                self._memory_fault = _NO_MEMORY
+                self.memory_fault = _NO_MEMORY
         return [
             name for name, setting, kind in INTERFACES if self._values[setting] and kind in kinds
         ]
