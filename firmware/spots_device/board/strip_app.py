@@ -221,10 +221,11 @@ class StripApp:
         """
         left = _BOOT_MAX
         faults = []
-        found = [self.board.store.fault, self.board.interfaces.fault, self.outputs.memory_fault]
+        found = [self.board.store.fault] + self.unused
+        found += [self.board.interfaces.fault, self.outputs.memory_fault]
         if self.board.radio is not None:
             found.append(self.board.radio.fault)
-        for fault in self.unused + found:
+        for fault in found:
             if fault and left:
                 # In JSON, other characters need more than one byte.
                 fault = "".join([c if " " <= c <= "~" and c not in '"\\' else "?" for c in fault])
