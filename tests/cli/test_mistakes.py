@@ -23,6 +23,7 @@ from spots.cli import main
 from spots.errors import CalibrationError, PortError, missing
 from spots.link import connect, ports
 from spots.link import serial_link as link
+from spots_device import PROTOCOL
 from spots_net import outlet
 from spots_sim.board import vm
 from spots_sim.board.runtimes import headline
@@ -98,7 +99,7 @@ def test_a_board_of_another_protocol(capsys, port):
 
     threading.Thread(target=answer, daemon=True).start()
     line = refused(capsys, "command", "--port", path, "hello")
-    assert "has protocol 7, but the program has 2" in line
+    assert f"has protocol 7, but the program has {PROTOCOL}" in line
 
 
 def test_no_board_at_all(capsys, monkeypatch):
