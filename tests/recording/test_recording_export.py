@@ -205,7 +205,7 @@ CHANNELS = {
     "unknown": ({}, [], None),
     "invalid": (
         {"channels": PLAN, "strips": [7]},
-        [(9, {"re": "set", "channels": {"a": 1}})],
+        [(0, {"re": "set", "sensor": 9, "channels": {"a": 1}})],
         PLAN,
     ),
 }
@@ -222,11 +222,11 @@ def test_changes_of_the_settings_are_described(tmp_path):
     strips = [{"channels": PLAN, "gain": 9}, {"channels": PLAN, "gain": 8}]
     told = [
         (0, {"re": "get", "gain": 9, "dark": [64] * 6, "missed": 3}),
-        (1, {"re": "set", "gain": 4, "channels": PLAN, "rate_mHz": 5}),
-        (1, {"re": "dark", "dark": [65] * 6}),
+        (0, {"re": "set", "sensor": 1, "gain": 4, "channels": PLAN, "rate_mHz": 5}),
+        (0, {"re": "dark", "sensor": 1, "dark": [65] * 6}),
         (0, {"re": "set", "error": "gain must be 0 to 10"}),
         (0, {"log": "error", "text": "x", "gain": 2}),
-        (1, {"re": "set", "gain": 4}),
+        (0, {"re": "set", "sensor": 1, "gain": 4}),
     ]
     changes = recorded(tmp_path, {"channels": PLAN, "strips": strips}, *told).changes
     assert [{k: v for k, v in one.items() if k != "arrived_s"} for one in changes] == [

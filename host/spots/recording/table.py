@@ -118,16 +118,17 @@ def described(recording: RecordingBlocks) -> Description:
     changes = []
     for block in recording:
         for at_s, text in block.texts:
-            if "re" not in text.content or text.sensor >= len(settings):
+            sensor = text.content.get("sensor", 0)  # a board sends all replies as its first strip
+            if "re" not in text.content or sensor not in range(len(settings)):
                 continue
-            now = settings[text.sensor]
+            now = settings[sensor]
             reported = {
                 name: text.content[name] for name in now.keys() & text.content.keys() - _ASIDE
             }
             if new := {name: value for name, value in reported.items() if now[name] != value}:
                 now.update(new)
                 since_s = round(at_s - header.host_s, 9)
-                changes.append({"arrived_s": since_s, "sensor": text.sensor, **new})
+                changes.append({"arrived_s": since_s, "sensor": sensor, **new})
     return Description(header, changes, recording.utc)
 
 
