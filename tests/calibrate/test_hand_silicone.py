@@ -8,8 +8,9 @@ import pytest
 from msgspec import structs
 from support.hand_session import LONG, Room, calibrate, errors_um
 
-from spots.calibrate.session.bench import Bench, TooDarkError
+from spots.calibrate.session.bench import Bench
 from spots.calibrate.session.hand import _LOADS, _LOADS_FROM, _load
+from spots.calibrate.session.judge import TooDarkError
 from spots.calibrate.session.session_file import Session
 from spots.calibrate.session.steps import COUNTS
 from spots_sim.person.loading import record
@@ -136,8 +137,8 @@ def test_a_lift_instead_of_another_force_is_named_and_asked_for_again(sensor, tm
         room = Lifting(stage, Habits(slips=0), 3)
         calibrate(room, path, "fine", 22)
     said = room.getvalue()
-    assert said.count("the strip was released: change the force without lifting; press again") == 1
-    assert said.count("the press ended too early: hold it for 30 s; press again") == 1
+    assert said.count("the strip was released: change the force without lifting; try again") == 1
+    assert said.count("the press ended too early: hold it for 30 s; try again") == 1
     session = Session(path)
     loads = [p for p in session.of("hand") if p.then_mN]
     assert len(loads) == 6
@@ -151,20 +152,19 @@ def test_a_lift_instead_of_another_force_is_named_and_asked_for_again(sensor, tm
 def test_a_second_force_that_is_too_weak_is_asked_for_again_with_more(
     sensor, tmp_path, monkeypatch
 ):
-    change, asked = Bench.change, []
+    change, asked = Bench._change, []
 
-    def weakly(bench, wanted):
-        asked.append(wanted)
-        change(bench, wanted)
+    def weakly(bench, held, judge):
+        asked.append(held.wanted)
+        change(bench, held, judge)
         if len(asked) == 2:
-            bench.release()
             raise TooDarkError("too dark")
 
-    monkeypatch.setattr(Bench, "change", weakly)
+    monkeypatch.setattr(Bench, "_change", weakly)
     with Stage(sensor, seed=3, settings=LONG) as stage:
         room = Room(stage, Habits(slips=0), 3)
         calibrate(room, tmp_path / "a.jsonl", "fine", 20)
-    assert "too dark; press again" in room.getvalue()
+    assert "too dark; try again" in room.getvalue()
     assert asked[2].force_mN == asked[1].force_mN
     assert asked[2].then_mN == pytest.approx(1.4 * asked[1].then_mN, rel=0.05)
     assert len([p for p in Session(tmp_path / "a.jsonl").of("hand") if p.then_mN]) == 6

@@ -24,7 +24,7 @@ from spots.calibrate import calibration_file as file
 from spots.calibrate.fit.decoded import Decoded, bounds_of, coarse_of, segments_of
 from spots.calibrate.fit.points import Point, Wanted
 from spots.calibrate.fit.presses import FULL_MN
-from spots.calibrate.session import steps
+from spots.calibrate.session import hand, steps
 from spots.calibrate.session.bench import Bench
 from spots.calibrate.session.guide import Guide
 from spots.calibrate.session.joint import fit_joint
@@ -642,6 +642,7 @@ def test_a_bad_press_is_said_and_repeated_and_given_up_in_the_end(
             ):
                 session_of(stage, Wrong(stage, mistake, times), path, shown)
             assert len(Session(path).points) == 9
+            assert stage.held.press is None
     counts = np.array([p.counts for p in Session(path).points])
     assert (np.diff(counts.mean(axis=1)) < 0).all()  # the bad presses were not recorded
 
@@ -665,6 +666,16 @@ def test_a_strip_whose_colour_does_not_change_is_refused(sensor, tmp_path):
             session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown, "force")
         assert stage.board.command("hello")["calibration"] is None
     assert not (tmp_path / "a.toml").exists()
+
+
+def test_a_session_of_a_stage_with_one_force_goes_on_by_hand_with_another_force(full):
+    session = Session(full.session)
+    session.points = session.of("position")
+    surface = hand._surface(session, session.length_um)
+    assert hand._next(session, surface, session.length_um, False, 0.0).force_mN == 2000
+    session.points += Session(full.session).of("force")
+    surface = hand._surface(session, session.length_um)
+    assert hand._next(session, surface, session.length_um, False, 0.0).force_mN != 2000
 
 
 # ---- the calibration that the board stores

@@ -11,8 +11,9 @@ from support.refusals import refusal
 from support.sensors import replaced
 
 from spots.calibrate.fit.points import Wanted
-from spots.calibrate.session.bench import BadPressError, Bench
+from spots.calibrate.session.bench import Bench
 from spots.calibrate.session.guide import Guide
+from spots.calibrate.session.judge import BadPressError, Judge
 from spots.calibrate.session.spectra import SpectrumReader
 from spots.errors import CalibrationError
 from spots_sim.person.person import follow
@@ -76,23 +77,24 @@ def test_a_choice_of_channels_takes_dark_ones_as_they_are(stage, bench):
 
     stage.reader.read = dim
     wanted = Wanted(kind="choose", place_um=60_000.0, force_mN=6000.0)
-    assert bench.take(wanted).dark
+    assert bench.take(wanted).reading.dark
     assert "try again" not in bench.said()
     with refusal(CalibrationError):
         bench.take(msgspec.structs.replace(wanted, kind="position"))
 
 
-def test_a_joint_whose_press_is_refused_need_not_be_released(bench):
+def test_a_joint_whose_press_is_refused_need_not_be_released(bench, monkeypatch):
     bench.release = lambda: pytest.fail("the joint was asked to release the strip")
     tries = []
 
-    def judge(reading):
+    def saturated_twice(judge, reading):
         tries.append(reading)
         if len(tries) < 3:
             raise BadPressError("a channel is saturated")
 
     wanted = Wanted(kind="joint", place_um=40_000.0, force_mN=3000.0, angle_deg=4.0)
-    bench.take(wanted, judge=judge)
+    monkeypatch.setattr(Judge, "lit", saturated_twice)
+    bench.take(wanted)
     assert bench.said().count("try again") == 2
 
 
@@ -117,7 +119,7 @@ def test_contact_that_sticks_is_not_taken_for_the_press_that_slipped(sensor, kin
         guide = Guide(Console(file=io.StringIO()))
         bench = Bench(stage.reader, Slipping(stage), guide, stage.length_um, Path("a.toml"))
         wanted = Wanted(kind=kind, place_um=10_000.0, force_mN=6000.0)
-        assert bench.take(wanted).counts.min() > 100
+        assert bench.take(wanted).reading.counts.min() > 100
 
 
 class Hesitant(StagePresser):
@@ -142,13 +144,13 @@ def test_contact_that_sticks_is_not_taken_for_the_next_press(sensor, kind, perce
         guide = Guide(Console(file=io.StringIO()))
         bench = Bench(stage.reader, Hesitant(stage), guide, stage.length_um, Path("a.toml"))
         stage.reader.set_up(dark_s=2.0)
-        alone = bench.take(weak).counts
+        alone = bench.take(weak).reading.counts
         bench.release()
         for _ in stage.board.frames(10.0):
             pass
         bench.take(firm)
         bench.release()
-        assert bench.take(weak).counts == pytest.approx(alone, rel=0.05, abs=0.5)
+        assert bench.take(weak).reading.counts == pytest.approx(alone, rel=0.05, abs=0.5)
         bench.release()
         bench.take(firm)
         bench.release()

@@ -14,8 +14,9 @@ from rich.console import Console
 
 from spots.calibrate.calibration_file import FINGER, INDENTER, CalibrationFile, Marks, now
 from spots.calibrate.fit.presses import ALL_MARKS, FIRM_MN, MARKS
-from spots.calibrate.session.bench import Bench, samples_of
+from spots.calibrate.session.bench import Bench
 from spots.calibrate.session.guide import Guide
+from spots.calibrate.session.judge import samples_of
 from spots.calibrate.session.rezero import rezero
 from spots.calibrate.session.spectra import DARK_S
 from spots.errors import SettingError

@@ -6,18 +6,19 @@ rough session, the person presses with a finger and has no scale.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from ...errors import CalibrationError
 from ..fit.points import Wanted, presses
 from ..fit.presses import FIRM_MN, FULL_MN, MARKS, Noise, Presses
 from ..fit.surface import Surface
 from ..fit.surface_search import fitted
 from ..fit.surface_sizes import Sizes
-from . import baseline
-from .bench import CONTINUES, TRIES, BadPressError, Bench, TooDarkError, samples_of
+from .bench import Bench, Held
 from .dialog import Dialog, Progress
-from .session_file import Session, point
+from .judge import BadPressError, TooDarkError, samples_of
+from .session_file import Session
 from .typed import grams
 
 _KINDS = ("hand", "position", "force", "mark")
@@ -56,71 +57,65 @@ _ALONG, _FORCES = 33, 30  # number of positions and of forces that `material` co
 _UNSURE = 2.0  # below this multiple of the least force, the fitted light may fall with the force
 
 
-def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool) -> None:
-    """Ask a person for presses by hand until the session has enough of them.
+class NextBest:
+    """The presses by hand that improve the fit most, until the session has `count` of them.
 
-    The new presses are added to the session. If many presses are invalid or repeated, fewer than
-    `count` are taken, down to `least`, so that the person does not press more often in total. With
-    `rough`, the person has no scale, and the forces are unknown. CalibrationError if the largest
-    force is too weak to give light in all channels, or a press is invalid at every attempt.
+    If many presses are refused or repeated, fewer are taken, down to `least`, so that the person
+    does not press more often in total. With `rough`, the person has no scale, and the forces are
+    unknown.
     """
-    guide, plan = bench.guide, bench.reader.conditions.plan
-    guide.begin("presses by hand", count, plan, bench.length_um)
-    guide.skip(len(session.of("hand")))
-    surface, dark_mN, wanted = _surface(session, bench.length_um), 0.0, None
-    removals = tries = 0
-    advised = False
-    while (done := len(session.of("hand"))) < (total := _total(bench, count, least, rough)):
-        if session.removed:
-            removed = session.removed.pop()
-            wanted = _wanted(removed.place_um, removed.force_mN, removed.then_mN, removed.hold_s)
-        elif wanted is None:
-            wanted = _next(session, surface, bench.length_um, rough, dark_mN)
-        try:
-            reading = bench.take(wanted)
-            trace, holds = bench.trace, bench.holds
-            if wanted.then_mN:
-                bench.change(wanted)
-        except BadPressError as bad:
-            # A press that is too dark at its second hold needs a larger second force.
-            weak = isinstance(bad, TooDarkError) and len(bench.holds) > 1
-            dark, tries = isinstance(bad, TooDarkError) and not weak, tries + 1
-            if tries == TRIES or (dark and wanted.force_mN >= FULL_MN):
-                raise CalibrationError(f"{wanted}: {bad}; {CONTINUES}") from None
-            guide.say(f"{wanted}: {bad}; press again")
-            if weak:
-                more_mN = _HARDER * wanted.then_mN
-                wanted = _wanted(wanted.place_um, wanted.force_mN, more_mN, wanted.hold_s)
-            elif dark and wanted.force_mN:
-                dark_mN = wanted.force_mN
-                wanted = _wanted(wanted.place_um, min(_HARDER * dark_mN, FULL_MN))
-            continue
-        bench.release()
-        read = bench.presser.read_off(wanted, bench.length_um)
-        if read is None:
-            continue
-        traced = {"trace": tuple(trace), "holds": tuple(holds)} if read.force_mN else {}
-        conditions = bench.reader.conditions
-        session.add(point(read, reading, conditions, length_um=bench.length_um, **traced))
-        baseline.check(session)
-        bench.spent, tries = bench.spent - 1, 0
-        guide.taken(read, reading)
-        wanted, surface = None, _surface(session, bench.length_um, surface)
-        if done < _FITTED_MIN:
-            continue
-        if removals < _REMOVALS * count and _removed(session, surface, guide):
-            removals, bench.spent = removals + 1, bench.spent + 1
+
+    def __init__(self, bench: Bench, session: Session, count: int, least: int, rough: bool):
+        self._bench, self._session, self._rough = bench, session, rough
+        self._count, self._least = count, least
+        self._dark_mN = 0.0  # largest force that was too weak to light every channel
+
+    def __iter__(self) -> Iterator[Wanted]:
+        bench, session, guide = self._bench, self._session, self._bench.guide
+        bench.begin("presses by hand", self._count)
+        guide.skip(len(session.of("hand")))
+        surface, removals, advised = _surface(session, bench.length_um), 0, False
+        while (done := len(session.of("hand"))) < self._total():
+            if session.removed:
+                again = session.removed.pop()
+                yield _wanted(again.place_um, again.force_mN, again.then_mN, again.hold_s)
+            else:
+                yield _next(session, surface, bench.length_um, self._rough, self._dark_mN)
             surface = _surface(session, bench.length_um, surface)
-        else:
-            guide.fitted(_progress(surface, done + 1, total))
-        if not rough and done >= _LOADS_FROM:
-            softer, sigma = _softening(session, surface)
-            if not advised and softer > max(_SOFTER, _SOFTER_SIGMAS * sigma):
-                advised = True
-                guide.say(
-                    f"firm presses have softened the strip by about {softer:.0%}: press it "
-                    "everywhere with 10 N (1 kg) several times, then begin another session"
-                )
+            if done < _FITTED_MIN:
+                continue
+            if removals < _REMOVALS * self._count and _removed(session, surface, guide):
+                removals += 1
+                surface = _surface(session, bench.length_um, surface)
+            else:
+                guide.fitted(_progress(surface, done + 1, self._total()))
+            if not (self._rough or advised) and done >= _LOADS_FROM:
+                softer, sigma = _softening(session, surface)
+                if advised := softer > max(_SOFTER, _SOFTER_SIGMAS * sigma):
+                    guide.say(
+                        f"firm presses have softened the strip by about {softer:.0%}: press it "
+                        "everywhere with 10 N (1 kg) several times, then begin another session"
+                    )
+
+    def instead(self, held: Held, bad: BadPressError) -> Wanted | None:
+        """Return a stronger press if a force was too dark; None if it cannot be stronger."""
+        wanted = held.wanted
+        if not isinstance(bad, TooDarkError):
+            return wanted
+        if len(held.holds) > 1:  # the second force was too dark
+            more_mN = _HARDER * wanted.then_mN
+            return _wanted(wanted.place_um, wanted.force_mN, more_mN, wanted.hold_s)
+        if wanted.force_mN >= FULL_MN:
+            return None
+        if not wanted.force_mN:
+            return wanted
+        self._dark_mN = wanted.force_mN
+        return _wanted(wanted.place_um, min(_HARDER * wanted.force_mN, FULL_MN))
+
+    def _total(self) -> int:
+        session = self._session
+        spent = self._bench.asked - (len(session.of("hand")) - session.begun)
+        return min(self._count, max(self._least, self._count + _OTHERS[self._rough] - spent))
 
 
 def material(session: Session, length_um: float) -> tuple[Surface, Presses, Presses]:
@@ -142,10 +137,6 @@ def material(session: Session, length_um: float) -> tuple[Surface, Presses, Pres
         np.tile(places_um, len(forces_mN)), np.repeat(forces_mN, len(places_um))
     )
     return surface, along, pressed
-
-
-def _total(bench: Bench, count: int, least: int, rough: bool) -> int:
-    return min(count, max(least, count + _OTHERS[rough] - bench.spent))
 
 
 def _wanted(place_um: float, force_mN: float, then_mN: float = 0.0, hold_s: float = 0.0) -> Wanted:
@@ -209,7 +200,9 @@ def _next(
 ) -> Wanted:
     known = [p for kind in _KINDS for p in session.of(kind) if p.force_mN or rough]
     first = _FIRST_ROUGH if rough else _FIRST
-    if len(known) < len(first) or surface is None:
+    # Presses of a stage with one force say nothing about the others.
+    one_force = not rough and len({p.force_mN for p in known}) == 1
+    if len(known) < len(first) or one_force or surface is None:
         share, force_mN = first[min(len(known), len(first) - 1)]
         place_um = share * length_um
     elif rough:  # without a scale, only the place can be chosen

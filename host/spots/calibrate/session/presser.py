@@ -71,7 +71,10 @@ class Presser:
         """Ask for the true place and force of a press by hand, as ruler and scale showed them.
 
         If the force of `wanted` is 0, the question is only for the place. None to repeat the press.
+        A press of another kind is where the session asked for it.
         """
+        if wanted.kind != "hand":
+            return wanted
         default, what = f"{wanted.place_um / 1000:.1f} mm", "does the ruler show"
         if wanted.force_mN:
             default = f"{default} {wanted.force_mN / FORCES['g']:.0f} g"

@@ -62,15 +62,13 @@ def rezero(
     if reason is not None:
         raise CalibrationError(f"{bench.path}: {reason}")
     longer = reader.conditions.exposure_us / table.conditions.exposure_us
-    bench.guide.say("taking dark frames: touch nothing")
-    if not joint:
-        bench.part()  # the strip may have been used until now
-    reader.set_up(dark_s=DARK_S, untouched=not joint)
-    if joint:  # the indenter always presses the strip
-        reader.use_baseline(made.lines)
+    if joint:
+        bench.with_joint(made.lines)
+    else:
+        bench.untouched(DARK_S)
     place_um = tuple(known.place_um[i] for i in at)
     logs = np.array(known.logs)[at]
-    bench.guide.begin("re-zero", presses * len(place_um), table.conditions.plan, bench.length_um)
+    bench.begin("re-zero", presses * len(place_um))
     asked_mN = force_mN or (0.0 if presser == file.FINGER else known.force_mN)
     original = made.original or made.lines
     cross = CrossLines(original)
@@ -252,7 +250,7 @@ def _shift(
     colour_per_um -= colour_per_um.mean()
     found = np.empty((0, logs.shape[1]))
     for _ in range(presses + _STRAYS):
-        reading = bench.take(wanted, given_up="nothing was saved")
+        reading = bench.take(wanted, given_up="nothing was saved").reading
         if wanted.angle_deg is None:
             bench.release()
         bench.guide.taken(wanted, reading)

@@ -55,13 +55,15 @@ class Session:
     ends makes `add` and `remove` raise ChangedError, and stays as it is. The file need not exist.
     An incomplete last line, which a killed program leaves, is ignored, and replaced by `add`.
     `points` are those of the file, as `refer` changes them; `removed` are presses by hand to ask
-    for again. FileError if the file cannot be read, or a complete line is not a point.
+    for again. `begun` is how many presses by hand there were when `locked` began. FileError if the
+    file cannot be read, or a complete line is not a point.
     """
 
     def __init__(self, path: Path):
         self.path = path
         self.points: list[Point] = []
         self.removed: list[Point] = []
+        self.begun = 0
         self._stored: list[Point] = []  # `points` as the file has them
         self._data = b""  # the complete lines of the file
         self._is_locked = False
@@ -91,6 +93,7 @@ class Session:
             stack.callback(setattr, self, "_is_locked", False)
             self._is_locked = True
             self._parse(self._read())
+            self.begun = len(self.of("hand"))
             yield
 
     def refer(self, change: Callable[[Point], Point]) -> None:
@@ -98,9 +101,9 @@ class Session:
         self._refer = change
         self._parse(self._data)
 
-    def referred(self, wanted: Wanted, reading: Reading, conditions: Conditions) -> Point:
+    def referred(self, taken: Point) -> Point:
         """Return the point of a press that is not added yet, changed as `refer` demands."""
-        return self._refer(point(wanted, reading, conditions))
+        return self._refer(taken)
 
     def progress(self) -> str:
         """Return how many presses are stored, and how to go on with them."""

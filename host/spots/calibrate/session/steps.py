@@ -16,14 +16,14 @@ from ..fit.presses import ALL_MARKS, FIRM_MN, FORCE_PLACES, FULL_MN
 from . import carry
 from .bench import Bench
 from .dialog import UndoError
-from .hand import by_hand
+from .hand import NextBest
 from .joint import ANGLES_MIN
 from .make import make, presser_of
+from .order import Planned, along, run
 from .rezero import rezero, use
 from .session_file import Session
 from .settle import settle
 from .spectra import DARK_S
-from .taker import Taker, along
 from .turn import turn_joint
 
 LENGTH_UM = 85_000.0  # usual length of a strip
@@ -70,7 +70,6 @@ def calibrate(
                 return _run(bench, session, kind, count or COUNTS[kind][0], strain_percent, options)
             except UndoError:
                 dropped, undone = session.undo(), True
-                bench.spent += dropped is not None
                 bench.guide.say(f"undone: {dropped}" if dropped else "there is no press to undo")
 
 
@@ -80,31 +79,30 @@ def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, 
     carry.check(before, bench.reader.conditions.board, bench.path)
     if before and (kind == "joint" or carry.continues(session, before)):
         session.refer(carry.undrifted(pressers.with_presser(before, before.presser)))
-    taker = Taker(bench, session)
     if kind == "joint":
-        return turn_joint(taker, count)
+        return turn_joint(bench, session, count)
     if kind != "strain":
-        settle(taker, options, kind)
+        settle(bench, session, options, kind)
     elif missing := missing_step(session):
         raise CalibrationError(f"calibrate position and force before strain: first run {missing}")
     if kind == "position":
-        _places(taker, "position", count, 0)
+        _places(bench, session, "position", count, 0)
     elif kind == "force":
-        _forces(taker, count)
+        _forces(bench, session, count)
     elif kind == "strain":
-        _places(taker, "strain", count, round(10_000 * strain_percent))
+        _places(bench, session, "strain", count, round(10_000 * strain_percent))
         bench.presser.stretch(0, bench.length_um)
     else:
         if kind == "fine" and session.points and presser_of(session) == file.FINGER:
             bench.guide.say("this session began with a finger: press with the same finger")
-        taker.untouched(DARK_S)
-        by_hand(bench, session, count, COUNTS[kind][1], kind == "rough")
-        return _finish(taker)
+        bench.untouched(DARK_S)
+        run(bench, session, NextBest(bench, session, count, COUNTS[kind][1], kind == "rough"))
+        return _finish(bench, session)
     if missing := missing_step(session):
         return bench.guide.say(f"next: {missing}")
     if not session.of("hand"):
-        _marks(taker)
-    _finish(taker)
+        _marks(bench, session)
+    _finish(bench, session)
 
 
 def missing_step(session: Session) -> str | None:
@@ -119,34 +117,34 @@ def missing_step(session: Session) -> str | None:
     return None
 
 
-def _places(taker: Taker, kind: str, count: int, strain_ppm: int) -> None:
+def _places(bench: Bench, session: Session, kind: str, count: int, strain_ppm: int) -> None:
     """Take `count` presses along the strip, which has the strain `strain_ppm`.
 
     `kind` is the kind of the presses, see `points.Wanted`.
     """
-    length_um = taker.bench.length_um * (1 + strain_ppm * 1e-6)
-    taker.bench.presser.stretch(strain_ppm, length_um)
-    taker.untouched()
+    length_um = bench.length_um * (1 + strain_ppm * 1e-6)
+    bench.presser.stretch(strain_ppm, length_um)
+    bench.untouched()
     title = f"positions at {strain_ppm / 10_000:g} % strain" if strain_ppm else "positions"
     row = [
         Wanted(kind=kind, place_um=place_um, force_mN=FIRM_MN, strain_ppm=strain_ppm)
         for place_um in along(length_um, count)
     ]
-    taker.series(title, row, length_um)
+    bench.begin(title, count, length_um)
+    run(bench, session, Planned(bench, session, row))
 
 
-def _forces(taker: Taker, count: int) -> None:
+def _forces(bench: Bench, session: Session, count: int) -> None:
     """Take presses with `count` different forces at each of a few positions."""
-    guide, length_um = taker.bench.guide, taker.bench.length_um
-    taker.untouched()
-    places_um = [round(share * length_um, -2) for share in sorted(FORCE_PLACES, reverse=True)]
+    bench.untouched()
+    places_um = [round(share * bench.length_um, -2) for share in sorted(FORCE_PLACES, reverse=True)]
     # The first press of a session has the least force, at the dimmest place.
-    least_mN = min((p.force_mN for p in taker.session.of("force")), default=None)
+    least_mN = min((p.force_mN for p in session.of("force")), default=None)
     if least_mN is None:
         dimmest = Wanted(kind="force", place_um=places_um[0], force_mN=FULL_MN)
-        taker.begin("least force", 1)
-        guide.want(dimmest)
-        found_mN = taker.bench.presser.least_mN(dimmest, taker.bench.reader)
+        bench.begin("least force", 1)
+        bench.guide.want(dimmest)
+        found_mN = bench.presser.least_mN(dimmest, bench.reader)
         least_mN = round(_LEAST_MARGIN * found_mN, 1)
     dark_mN = _DARK_SHARE * least_mN
     steps_mN = np.geomspace(least_mN - dark_mN, FULL_MN - dark_mN, count)
@@ -155,24 +153,24 @@ def _forces(taker: Taker, count: int) -> None:
         for place_um in places_um
         for force_mN in (dark_mN + steps_mN).round(1).tolist()
     ]
-    taker.series("forces", row)
+    bench.begin("forces", len(row))
+    run(bench, session, Planned(bench, session, row))
 
 
-def _marks(taker: Taker) -> None:
+def _marks(bench: Bench, session: Session) -> None:
     """Take presses at the marks, which a later re-zero repeats."""
-    bench = taker.bench
-    taker.untouched(DARK_S)
+    bench.untouched(DARK_S)
     places_um = [round(share * bench.length_um, -2) for share in ALL_MARKS]
     row = [Wanted(kind="mark", place_um=x, force_mN=FIRM_MN) for x in places_um]
-    taker.series("marks for a re-zero", row)
+    bench.begin("marks for a re-zero", len(row))
+    run(bench, session, Planned(bench, session, row))
 
 
-def _finish(taker: Taker) -> None:
+def _finish(bench: Bench, session: Session) -> None:
     """Fit all presses of the session, write the calibration file, and upload its lines."""
-    bench = taker.bench
     before = file.KIND.present(bench.path)
-    calibration = make(taker.session, bench.guide.say)
-    calibration = carry.carried(calibration, before, taker.session, bench.guide.say)
+    calibration = make(session, bench.guide.say)
+    calibration = carry.carried(calibration, before, session, bench.guide.say)
     file.save(calibration, bench.path, before)
     for residual in calibration.residuals:
         force = residual.force_rms_mN

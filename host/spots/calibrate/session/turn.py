@@ -11,14 +11,15 @@ from ...errors import SettingError
 from .. import calibration_file as file
 from .. import pressers
 from ..fit.points import Wanted
+from .bench import Bench
 from .joint import fit_joint, joint_marks
-from .spectra import DARK_S
-from .taker import Taker
+from .order import store
+from .session_file import Session
 
 
-def turn_joint(taker: Taker, count: int) -> None:
+def turn_joint(bench: Bench, session: Session, count: int) -> None:
     """Calibrate a joint with readings at `count` angles upwards, then at `count` downwards."""
-    bench, guide, session = taker.bench, taker.bench.guide, taker.session
+    guide = bench.guide
     before = file.load(bench.path)
     # The indenter of the joint presses the strip; the file keeps the tables for a finger.
     calibration = pressers.used_by(before, before.presser)
@@ -31,16 +32,15 @@ def turn_joint(taker: Taker, count: int) -> None:
     if board.command("hello")["calibration"] != checksum(list(calibration.lines)):
         bench.reader.restore()
         file.send(board, calibration)
-    bench.reader.set_up(dark_s=DARK_S)
-    bench.reader.use_baseline(calibration.lines)  # the indenter always presses the strip
+    bench.with_joint(calibration.lines)
     board.command("stream touch spectrum")
-    taker.begin("joint", 2 * count)
+    bench.begin("joint", 2 * count)
     upwards = np.linspace(0, 1, count).tolist()
     for direction, shares in ((1, upwards), (-1, upwards[::-1])):
         known = len([p for p in session.of("joint") if p.direction == direction])
         guide.skip(min(known, count))
         for share in shares[known:]:
-            _turn(taker, bench.presser.turn(direction, share))
+            _turn(bench, session, bench.presser.turn(direction, share))
     turned = session.of("joint")
     joint = fit_joint(turned)
     marks = joint_marks(turned)
@@ -52,16 +52,18 @@ def turn_joint(taker: Taker, count: int) -> None:
     )
 
 
-def _turn(taker: Taker, wanted: Wanted) -> None:
+def _turn(bench: Bench, session: Session, wanted: Wanted) -> None:
     # Two points with the same angle and direction cannot be fitted.
-    taken = [(p.angle_deg, p.direction) for p in taker.session.of("joint")]
+    taken = [(p.angle_deg, p.direction) for p in session.of("joint")]
     if (wanted.angle_deg, wanted.direction) in taken:
-        taker.bench.guide.skip()
-        taker.bench.guide.say(f"{wanted} was measured already: turn the joint further")
+        bench.guide.skip()
+        bench.guide.say(f"{wanted} was measured already: turn the joint further")
         return
-    reading = taker.bench.take(wanted, taker.noise())
-    position = taker.bench.reader.positions_um(taker.bench.window, taker.bench.presser.patience_s)
-    taker.add(
+    reading = bench.take(wanted, session).reading
+    position = bench.reader.positions_um(bench.window, bench.presser.patience_s)
+    store(
+        bench,
+        session,
         wanted,
         reading,
         position_um=round(float(position.mean()), 2),
