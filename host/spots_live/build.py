@@ -64,11 +64,17 @@ def build(folder: Path, micropython: Path, strips: Collection[str] = tuple(STRIP
 def _firmware() -> dict:
     with tempfile.TemporaryDirectory() as temporary:
         files = files_of(build_firmware("virtual", Path(temporary)))
-    package = {name: data for name, data in files.items() if name.startswith("spots_device/")}
+    # A tab has no radio.
+    package = {
+        name: data
+        for name, data in files.items()
+        if name.startswith("spots_device/") and not name.startswith("spots_device/radio/")
+    }
+    config = {**device_of("virtual").device, "BLUETOOTH": False}
     return {
         "id": BOARD_ID,
         "version": __version__,
-        "config": {**device_of("virtual").device, "NAME": "virtual board", "ADDRESS": ADDRESS},
+        "config": {**config, "NAME": "virtual board", "ADDRESS": ADDRESS},
         "files": {name: base64.b64encode(data).decode() for name, data in package.items()},
     }
 

@@ -81,12 +81,18 @@ slept = array("i", (0, 0, 0, 0))  # time and number of all sleeps; frames; calls
 began = _LOOP_MS
 
 
-def out(block, size):
-    """Send dots in the place of a frame, because mpremote reads text."""
+def out(block, begin, size=0):
+    """Send dots in the place of a block, because mpremote reads text; count frames.
+
+    The arguments are a block and its size, or those of the second block of a frame: buffer, begin
+    and size.
+    """
+    if size:
+        return write(dots, size)
     slept[2] += 1
     if slept[2] == limit:
         board.reboot = True
-    return write(dots, size)
+    return write(dots, begin)
 
 
 def sleep_us(us):

@@ -36,6 +36,8 @@ WASM_PACKAGE = WASM / "node_modules" / "@micropython" / "micropython-webassembly
 # About the heap of a program on an RP2040; twice as much where words are twice as long. The unix
 # port cannot exceed this size; the heap of WebAssembly starts with it and grows.
 HEAP_32_BYTES = 192 * 1024
+# What a script has beside the firmware: a flash, or all that a port and a host have received.
+OWN_BYTES = {"power_cuts": 14 * HEAP_32_BYTES, "sample_path": 100_000}
 HEAP_64_BYTES = 2 * HEAP_32_BYTES
 
 
@@ -209,7 +211,7 @@ class Unix64(Machine):
         return script == "sample_path"
 
     def command(self, script: str) -> list[str]:
-        size = 8 * HEAP_64_BYTES if script == "power_cuts" else HEAP_64_BYTES  # a flash in memory
+        size = HEAP_64_BYTES + OWN_BYTES.get(script, 0)
         return [*micropython_command(), "-X", f"heapsize={size}", "-m", script]
 
     def environment(self, script: str) -> dict[str, str]:

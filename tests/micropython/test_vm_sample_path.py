@@ -199,7 +199,7 @@ def given(calibration):
         "settings": ["exposure_us=10000"],
         "calibrations": calibrations,
         "scenes": [played for played, _ in SCENES.values()],
-        "port_bytes": 74000,
+        "port_bytes": 74_000,
         "contacts": False,
         "uses": [],
         "layout": [],
