@@ -12,13 +12,14 @@ import shutil
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from importlib import metadata
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+from spots import cli
 from spots.common import toml
 from spots.deploy.build import build
 from spots_sim.board.kept_folder import FOLDER
@@ -214,6 +215,43 @@ def calibration(sensor, once):
         patch.setenv("SPOTS_VIRTUAL_RUNTIME", "cpython")
         once("calibrated", lambda path: (calibrate(sensor), path.touch()))  # others read it
         return list(calibrate(sensor))
+
+
+def _calibrated(once, name, *steps):
+    """Return a folder with the session and calibration of `steps`, made one time for a test run."""
+
+    def make(folder):
+        folder.mkdir()
+        place = ["--session", str(folder / "a.jsonl"), "--port", "virtual"]
+        with pytest.MonkeyPatch.context() as patch, open(folder / "said", "w") as said:
+            patch.setenv("SPOTS_VIRTUAL_RUNTIME", "cpython")
+            with redirect_stdout(said):
+                for words in steps:
+                    assert cli.main(["calibrate", *words, *place]) == 0
+
+    return once(name, make)
+
+
+@pytest.fixture(scope="session")
+def staged(once):
+    """Folder of a calibration by a stage: `a.jsonl`, `a.toml`, and `said`, what was printed.
+
+    It has positions, forces, a strain of 10 % and a joint. All tests share it: copy, do not write.
+    """
+    strain = ["strain", "--strain-percent", "10"]
+    return _calibrated(once, "staged", ["position"], ["force"], strain, ["joint"])
+
+
+@pytest.fixture(scope="session")
+def pressed(once):
+    """Folder as that of `staged`, of 20 presses by hand with a scale."""
+    return _calibrated(once, "pressed", ["--places", "20"])
+
+
+@pytest.fixture(scope="session")
+def roughly(once):
+    """Folder as that of `staged`, of presses by hand without a scale."""
+    return _calibrated(once, "roughly", ["--rough"])
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.board
 
 PRESSES, SAMPLES = 39, 40
 FORCES_MN = 600.0, 1000.0, 3000.0, 9000.0
-HANDS = 3
+HANDS = 1
 
 
 def pressed_by_hand(strip, seed):

@@ -75,8 +75,8 @@ def test_a_board_that_switches_its_led_needs_no_guide(person, led):
 
 
 @pytest.mark.board
-@pytest.mark.parametrize("sensor", ["gpio", "always"])
-def test_a_strip_of_any_led_is_calibrated_by_the_command(tmp_path, sensor, capsys):
+def test_a_strip_whose_led_is_always_on_is_calibrated_by_the_command(tmp_path, capsys):
+    sensor = "always"
     session = tmp_path / "session.jsonl"
     arguments = ["--port", "virtual", "--sensor", sensor, "--session", str(session)]
     assert main(["calibrate", "position", "--places", "12", *arguments]) == 0

@@ -138,10 +138,9 @@ def test_a_drift_that_hits_the_right_key_types_it(sensor, calibration, name):
 
 
 @pytest.mark.board
-@pytest.mark.parametrize(("name", "phosphor_nm"), [("weak_dye", -1.0), ("short_30mm", 1.0)])
-def test_a_strip_of_little_contrast_types_right_after_a_re_zero(name, phosphor_nm):
-    change = {"phosphor_nm": phosphor_nm}
-    sensor = load_file(SensorFile, name)
+def test_a_strip_of_little_contrast_types_right_after_a_re_zero():
+    change = {"phosphor_nm": -1.0}
+    sensor = load_file(SensorFile, "weak_dye")
     lines = recalibrated(replace(sensor, change=Change(**change)))
     assert counted(play(sensor, lines, change)[0]) == {"right": len(TEXT)}
 

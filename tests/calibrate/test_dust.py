@@ -6,6 +6,7 @@ import io
 import numpy as np
 import pytest
 from rich.console import Console
+from support.hand_session import LONG
 from support.refusals import refusal
 from support.sensors import replaced
 
@@ -15,6 +16,7 @@ from spots.calibrate.fit.presses import Presses
 from spots.calibrate.session import baseline, steps
 from spots.calibrate.session.bench import Bench
 from spots.calibrate.session.guide import Guide
+from spots.calibrate.session.make import make
 from spots.calibrate.session.presser import Presser
 from spots.calibrate.session.rezero import rezero
 from spots.calibrate.session.session_file import Session, settings
@@ -112,7 +114,8 @@ def dusty(sensor, percent, place_mm):
 )
 def test_dust_is_subtracted_and_located(sensor, tmp_path, kind, percent, place_mm):
     path = tmp_path / "a.jsonl"
-    with Stage(dusty(sensor, percent, place_mm), seed=3) as stage:
+    exposure = LONG if kind == "stage" else ""
+    with Stage(dusty(sensor, percent, place_mm), seed=3, settings=exposure) as stage:
         said = by_stage(stage, path) if kind == "stage" else by_hand(stage, path, kind)
         off_um, missing = errors_um(stage, path)
     lines = file.load(path.with_suffix(".toml")).lines
@@ -128,7 +131,7 @@ def test_dust_is_subtracted_and_located(sensor, tmp_path, kind, percent, place_m
 @pytest.mark.board
 def test_a_rezero_measures_new_dust(sensor, tmp_path):
     path = tmp_path / "a.jsonl"
-    with Stage(sensor, seed=3) as stage:
+    with Stage(sensor, seed=3, settings=LONG) as stage:
         by_stage(stage, path)
         made = file.load(path.with_suffix(".toml"))
         stage.held.leak_share, stage.held.leak_mm = 0.003, 30.0
@@ -144,23 +147,18 @@ def test_a_rezero_measures_new_dust(sensor, tmp_path):
     assert np.abs(off_um).mean() < 110
 
 
-@pytest.mark.board
-def test_a_clean_strip_gets_no_line(sensor, tmp_path):
-    path = tmp_path / "a.jsonl"
-    with Stage(sensor, seed=3) as stage:
-        said = by_stage(stage, path)
-    assert "without a press" not in said
-    assert not any(line.startswith("rest") for line in file.load(path.with_suffix(".toml")).lines)
-    assert "rest" not in path.read_text()
+def test_a_clean_strip_gets_no_line(staged):
+    assert "without a press" not in (staged / "said").read_text()
+    assert not any(line.startswith("rest") for line in file.load(staged / "a.toml").lines)
+    assert "rest" not in (staged / "a.jsonl").read_text()
 
 
-@pytest.mark.board
-def test_a_calibration_without_room_for_spectra_says_so(sensor, tmp_path, monkeypatch):
+def test_a_calibration_without_room_for_spectra_says_so(staged, monkeypatch):
     for lines_max, count in ((360, 0), (100, 1)):
         monkeypatch.setattr(fitting, "_LINES_MAX", lines_max)
-        with Stage(sensor, seed=3) as stage:
-            said = by_stage(stage, tmp_path / f"{lines_max}.jsonl")
-        assert said.count("no room for the spectra of presses") == count
+        said = []
+        make(Session(staged / "a.jsonl"), said.append)
+        assert "\n".join(said).count("no room for the spectra of presses") == count
 
 
 def test_too_much_light_is_refused_with_its_place(sensor, tmp_path):

@@ -6,16 +6,19 @@ import json
 import os
 import re
 import resource
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from datetime import datetime, timezone
 from types import SimpleNamespace
 
 import msgspec
 import numpy as np
 import pytest
 from rich.console import Console
+from support.hand_session import LONG
 from support.refusals import refusal
 from support.sensors import replaced
 
@@ -60,11 +63,11 @@ def run(*arguments):
 
 
 @pytest.fixture(scope="module")
-def full(tmp_path_factory):
+def full(staged, tmp_path_factory):
     """Session file and calibration file (attributes `session`, `out`) of a complete calibration."""
     path = tmp_path_factory.mktemp("full") / "session.jsonl"
-    for words in (["position"], ["force"], ["strain", "--strain-percent", 10], ["joint"]):
-        assert run(*words, "--session", path) == 0
+    for suffix in (".jsonl", ".toml"):
+        shutil.copy(staged / f"a{suffix}", path.with_suffix(suffix))
     return SimpleNamespace(session=path, out=path.with_suffix(".toml"))
 
 
@@ -351,9 +354,13 @@ def test_a_calibration_that_another_program_has_changed_is_not_replaced(full, tm
 @pytest.mark.board
 def test_a_step_of_another_session_carries_the_joint_over(full, tmp_path, capsys):
     path, out = tmp_path / "new.jsonl", tmp_path / "calibration.toml"
-    out.write_bytes(full.out.read_bytes())
-    for kind in ("position", "force"):
-        assert run(kind, "--session", path, "--out", out) == 0
+    # From before all presses of the session.
+    early = datetime(2020, 1, 1, tzinfo=timezone.utc)
+    file.save(msgspec.structs.replace(file.load(full.out), date=early), out, None)
+    lines = full.session.read_bytes().splitlines(keepends=True)
+    other = b'"kind":"joint"', b'"kind":"strain"'
+    path.write_bytes(b"".join(one for one in lines if not any(kind in one for kind in other)))
+    assert run("force", "--session", path, "--out", out) == 0
     said = " ".join(capsys.readouterr().out.split())
     before, made = file.load(full.out), file.load(out)
     assert made.joint == before.joint
@@ -660,7 +667,7 @@ def test_light_that_does_not_grow_with_the_force_is_no_force(sensor, tmp_path):
 def test_a_strip_whose_colour_does_not_change_is_refused(sensor, tmp_path):
     clear = replaced(sensor, dye={"strength_per_mm": 0.0})
     shown, _ = guide()
-    with Stage(clear, seed=2) as stage:
+    with Stage(clear, seed=2, settings=LONG) as stage:
         session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown)
         with refusal(CalibrationError):
             session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown, "force")
@@ -758,7 +765,7 @@ class Person(io.StringIO):
 @pytest.mark.board
 def test_a_person_is_led_through_position_force_and_joint(sensor, tmp_path):
     path = tmp_path / "a.jsonl"
-    with Stage(sensor, seed=4) as stage:
+    with Stage(sensor, seed=4, settings=LONG) as stage:
         person = Person(stage.held, sensor)
         shown = Guide(Console(file=person, width=200), stdin=person)
         presser = Presser(shown)

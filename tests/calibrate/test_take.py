@@ -135,9 +135,8 @@ class Hesitant(StagePresser):
 
 @pytest.mark.board
 @pytest.mark.parametrize("kind", ["hand", "mark"])
-@pytest.mark.parametrize("percent", [0.0, 1.0])
-def test_contact_that_sticks_is_not_taken_for_the_next_press(sensor, kind, percent):
-    sticky = replaced(sensor, contact={"sticking_percent": percent, "sticking_s": 1.0})
+def test_contact_that_sticks_is_not_taken_for_the_next_press(sensor, kind):
+    sticky = replaced(sensor, contact={"sticking_percent": 1.0, "sticking_s": 1.0})
     firm = Wanted(kind=kind, place_um=10_000.0, force_mN=10_000.0)
     weak = Wanted(kind=kind, place_um=70_000.0, force_mN=500.0)
     with Stage(sticky, seed=4) as stage:

@@ -31,8 +31,9 @@ ENDLESS = {
 }
 RECORDING = "run.spots"
 # Additional options. Another program may use the usual HTTP port. With the usual exposure of
-# 100 ms, `characterize` takes three times as long as with 10 ms.
+# 100 ms, `characterize` takes three times as long as with 10 ms. 20 presses are the fewest.
 MORE = {"serve": ["--http-port", "0"], "characterize": ["--exposure-us", "10000"]}
+MORE["calibrate"] = ["--places", "20"]
 # Text that each other command prints, by name of the command.
 PRINTED = {
     "flash": "copy main.py",
@@ -101,7 +102,9 @@ def test_a_program_of_the_readme_runs_after_make_demo(text, newcomer):
 
 @pytest.mark.parametrize("line", sorted(WALKED))
 def test_a_step_from_bare_board_to_key_press_runs_on_a_virtual_board(line, newcomer):
-    output = run(shlex.split(line), ENDLESS.get(line, ""), newcomer)
+    words = shlex.split(line)
+    words += [] if "--rough" in words else MORE.get(words[1], [])
+    output = run(words, ENDLESS.get(line, ""), newcomer)
     assert "Traceback" not in output
 
 

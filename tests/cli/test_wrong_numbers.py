@@ -50,13 +50,16 @@ def numeric_options():
         add(command)
         command.complete()
         taken = [a for a in command._actions if a.type is not None and a.option_strings]
-        found += [(name, action.option_strings[-1]) for action in taken]
+        for action in taken:
+            found.append((name, action.option_strings[-1]))
+            types[found[-1]] = action.type
         needed = [a for a in command._actions if not a.option_strings and a.nargs is None]
         words[name] = [a.choices[0] if a.choices else "no-such-file" for a in needed]
     return found
 
 
 words: dict[str, list[str]] = {}
+types = {}  # of the values of options
 NUMERIC = numeric_options()
 
 
@@ -80,21 +83,25 @@ def test_there_are_options_with_numbers():
 @pytest.mark.board
 @pytest.mark.parametrize(("command", "option"), NUMERIC)
 def test_a_wrong_number_of_an_option_is_one_sentence(command, option, capsys):
+    accepted, refused = [], []
     for value in OPTIONS:
+        try:
+            types[command, option](value)
+            accepted.append(value)
+        except (argparse.ArgumentTypeError, ValueError):
+            refused.append(value)
+    # All refusals of a type come the same way.
+    for value in [*accepted, *refused[:1]]:
         one_sentence(capsys, [command, *words[command], f"{option}={value}"])
 
 
 @pytest.fixture(scope="module")
-def sessions(tmp_path_factory):
+def sessions(staged, roughly):
     """Names and lines of a session with a stage and of a session by hand."""
-    found = {}
-    commands = {"stage": (["position"], ["force"], ["joint"]), "hand": (["--rough"],)}
-    for name, kinds in commands.items():
-        path = tmp_path_factory.mktemp(name) / "a.jsonl"
-        for kind in kinds:
-            where = ["--session", str(path), "--port", "virtual"]
-            assert cli.main(["calibrate", *kind, *where]) == 0
-        found[name] = path.read_text().splitlines()
+    found = {"stage": staged, "hand": roughly}
+    found = {name: (one / "a.jsonl").read_text().splitlines() for name, one in found.items()}
+    # A fit of strained positions takes as long as all the rest.
+    found["stage"] = [one for one in found["stage"] if json.loads(one)["kind"] != "strain"]
     return found
 
 
@@ -173,9 +180,11 @@ def toml_files(folder):
 def test_a_wrong_number_of_a_toml_file_is_one_sentence(tmp_path):
     for load, original in toml_files(tmp_path):
         text = original.read_text().partition("[end]")[0]
-        wrong, places = tmp_path / "wrong.toml", [*TOML_NUMBER.finditer(text)]
+        # One number of each name.
+        places = {place[0].partition("=")[0]: place for place in TOML_NUMBER.finditer(text)}
+        wrong = tmp_path / "wrong.toml"
         assert places, original
-        for place in places[:60]:
+        for place in places.values():
             for number in NUMBERS:
                 body = text[: place.start(1)] + number + text[place.end(1) :]
                 # A calibration file has a checksum, which is right here.
