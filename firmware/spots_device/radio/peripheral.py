@@ -295,6 +295,11 @@ class Radio:
         self.flush()
         return True
 
+    @property
+    def waits(self):
+        """Whether frames wait for `flush`."""
+        return self._first < self._end
+
     def flush(self):
         """Send frames that wait, as far as the stack takes them.
 

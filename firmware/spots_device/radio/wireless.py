@@ -60,7 +60,7 @@ class Wireless:
                 self._save()
         self.keys.follow(self._board)
         self._follow_presses()
-        if self._board.interfaces.pump():  # keys before frames
+        if self._radio.waits and self._board.interfaces.pump():  # keys before frames
             self._radio.flush()
 
     def _follow_presses(self):
