@@ -60,6 +60,13 @@ EACH_SAMPLE = {
     "reading/strip": "take _judge _use _finish _follow",
     "reading/ambient": "follow _is_shifted _slope _is_ambient _left _net _move _expect",
     "reading/dark": "is_due chi2",
+    "reading/silicone": "take _follow_time _creep _corrected _excess",
+    "radio/wireless": "work _follow_presses",
+    "radio/presses": "are_made",
+    "radio/hosts": "follow read write is_heard _next_by_radio _is_whole",
+    "radio/peripheral": "work write flush read",
+    "keys/gamepad": "take _x _z",
+    "usb/gamepad": "update _send _put",
     "board/interfaces": "pump _offer",
     "board/outputs": "take pump usage has_room key _flush _send_keys _send_key _track "
     "_follow_fingers",

@@ -69,15 +69,18 @@ class Wireless:
         if not self.keys.is_heard() and not radio.pairs and not radio.fault:
             force_mN = self._board.strips[0].strip.decode.state[FORCE_MN]
             if self._presses.are_made(force_mN):
-                try:
-                    radio.pair(protected=False)
-                except ValueError as error:  # the radio keeps no more hosts
-                    self._board.log("error", error.args[0])
+                self._pair()
         else:
             self._presses.forget()
         if radio.pairs != self._shown:
             self._shown = radio.pairs
             self._show_leds(CAPS_LOCK if self._shown else 0)
+
+    def _pair(self):
+        try:
+            self._radio.pair(protected=False)
+        except ValueError as error:  # the radio keeps no more hosts
+            self._board.log("error", error.args[0])
 
     def _show_leds(self, leds):
         if self._board.signal:

@@ -66,18 +66,7 @@ class Compensation:
         t : int
             Time in ticks of 1.024 ms, see `tracker.TICK_US`.
         """
-        values = self._values
-        state = self._state
-        since = t - self._t & _TIME_MASK
-        if since >= _LEAST_T:
-            self._t = t
-            since = min(since, _LONGEST_T)
-            while since > 0:
-                step = min(since, _STEP_T)
-                since -= step
-                for i in range(_PARTS):
-                    tau = (values[7 + i] * 125 >> 7) + 1
-                    state[_PARTS + i] += (self._force - state[_PARTS + i]) * min(step, tau) // tau
+        self._follow_time(t)
         if reading[d.FLAGS] & d.LED_OFF:
             return
         force_mN = reading[d.FORCE_MN]
@@ -86,16 +75,47 @@ class Compensation:
             moved = force_mN > _SURE_MN and abs(x_um - self._x_um) > _APART_UM
             if moved:
                 self._x_um = x_um
-            total = values[0] * force_mN + 2048
-            for i in range(_PARTS):
-                radius = values[1 + i]
-                loading = max(force_mN - radius, 0)
-                if moved:
-                    state[_PARTS + i] = 0
-                # The previous force is 0 if the finger had lifted.
-                play = 0 if moved or not self._force else state[i]
-                state[i] = play = max(min(play, force_mN + radius), loading)
-                total -= values[4 + i] * (play - loading)
-                total -= values[10 + i] * (state[_PARTS + i] >> 6)
-            reading[d.FORCE_MN] = force_mN = min(max(total >> 12, 1), 65_535)
+            force_mN = self._corrected(force_mN, moved)
+            reading[d.FORCE_MN] = force_mN
         self._force = force_mN << 6
+
+    # Small functions: a larger call frame would need the heap, see test_call_frames.
+
+    def _follow_time(self, t):
+        since = t - self._t & _TIME_MASK
+        if since < _LEAST_T:
+            return
+        self._t = t
+        since = min(since, _LONGEST_T)
+        while since > 0:
+            step = min(since, _STEP_T)
+            since -= step
+            for i in range(_PARTS):
+                self._creep(i, step)
+
+    def _creep(self, i, step):
+        tau = (self._values[7 + i] * 125 >> 7) + 1
+        off = self._force - self._state[_PARTS + i]
+        off = off * min(step, tau) // tau
+        self._state[_PARTS + i] += off
+
+    def _corrected(self, force_mN, moved):
+        total = self._values[0] * force_mN + 2048
+        i = _PARTS
+        while i:
+            i -= 1
+            if moved:
+                self._state[_PARTS + i] = 0
+            total -= self._excess(i, force_mN, moved) * self._values[4 + i]
+            total -= self._values[10 + i] * (self._state[_PARTS + i] >> 6)
+        return min(max(total >> 12, 1), 65_535)
+
+    def _excess(self, i, force_mN, moved):
+        # Force by which a play operator exceeds that of a first load.
+        radius = self._values[1 + i]
+        loading = max(force_mN - radius, 0)
+        # The previous force is 0 if the finger had lifted.
+        play = 0 if moved or not self._force else self._state[i]
+        play = min(play, force_mN + radius)
+        self._state[i] = play = max(play, loading)
+        return play - loading

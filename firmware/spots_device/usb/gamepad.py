@@ -1,11 +1,8 @@
 """Reports of a gamepad. Imported only if the board is one."""
 
-from struct import pack_into
-
 from .descriptors import REPORT_SIZE
 from .reports import Outbox
 
-_GAMEPAD = "<hhhH"
 _BUTTONS = 6  # offset of the buttons in a report
 
 
@@ -25,8 +22,14 @@ class GamepadReports:
 
     def update(self, x, y, z, buttons):
         """Set the axes x and y (-32767 to 32767) and z (0 to 32767), and 16 bits of buttons."""
+        self._put(0, x)
+        self._put(2, y)
+        self._put(4, z)
+        self._put(_BUTTONS, buttons)
+        self._send()
+
+    def _send(self):
         report, last = self._report, self._last
-        pack_into(_GAMEPAD, report, 0, x, y, z, buttons)
         if _same(report, last, 0):
             return
         newest = self.outbox.newest()
@@ -35,6 +38,10 @@ class GamepadReports:
         elif not self.outbox.put(report):
             return  # the next reading tries again
         _copy(report, last)
+
+    def _put(self, at, value):  # the call of `pack_into` would need the heap
+        self._report[at] = value & 0xFF
+        self._report[at + 1] = value >> 8 & 0xFF
 
     def release(self):
         """Release all buttons and centre all axes."""
