@@ -75,6 +75,7 @@ def test_a_program_reads_it_as_any_board(port):
 
 
 @pytest.mark.board
+@pytest.mark.parametrize("port", ["socket"], indirect=True)
 def test_its_port_is_for_one_program_and_can_be_opened_again(port):
     with spots.open("virtual") as board:
         with pytest.raises(spots.SpotsError):
@@ -111,6 +112,7 @@ def test_a_socket_takes_the_next_program_before_it_has_read_the_end_of_the_last_
 
 
 @pytest.mark.board
+@pytest.mark.parametrize("port", ["socket"], indirect=True)
 def test_a_reboot_keeps_what_was_saved_and_nothing_else(port):
     with spots.open("virtual") as board:
         board.command("set average=3")
@@ -133,6 +135,7 @@ def test_the_demo_names_what_runs_the_firmware(port):
 
 
 @pytest.mark.board
+@pytest.mark.parametrize("port", ["pty"], indirect=True)
 def test_the_demo_in_real_time_loses_nothing(port, capsys, tmp_path):
     scenario = tmp_path / "taps.toml"
     scenario.write_text(TAPS)

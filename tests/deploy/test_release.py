@@ -22,12 +22,16 @@ ROOT = Path(__file__).parents[2]
 DATE_S = 1_800_000_000
 
 
-@pytest.fixture(scope="module")
-def releases(tmp_path_factory):
+@pytest.fixture(scope="session")
+def releases(once):
     """Folders of two releases from two copies of what git knows."""
-    made = []
-    for zone in ("UTC", "Pacific/Auckland"):
-        root = tmp_path_factory.mktemp("release")
+    root = once("releases", _release_twice)
+    return [root / "UTC" / "dist", root / "Auckland" / "dist"]
+
+
+def _release_twice(folder):
+    for name, zone in (("UTC", "UTC"), ("Auckland", "Pacific/Auckland")):
+        root = folder / name
         listed = subprocess.run(
             ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True
         )
@@ -42,9 +46,7 @@ def releases(tmp_path_factory):
         command = [sys.executable, str(root / "tools" / "release.py"), str(root / "dist")]
         command += ["--live", str(page)]
         subprocess.run(command, check=True, env=environment, cwd=root, capture_output=True)
-        made.append(root / "dist")
         time.sleep(2)  # the resolution of dates in zip files
-    return made
 
 
 @pytest.mark.board

@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import re
+import shutil
 import threading
 import time
 from types import SimpleNamespace
@@ -211,14 +212,25 @@ def recorded_at(sensor, calibration, path, place_mm, lasting_s):
                 list(board.frames(0.02))
 
 
+@pytest.fixture(scope="session")
+def recordings(sensor, calibration, once):
+    """Folder of recordings `a`, `b` and `outside`, long enough to be seen on a slow machine."""
+
+    def make(root):
+        root.mkdir()
+        for name, place_mm, lasting_s in (("a", 20.0, 4.0), ("b", 60.0, 30.0), ("outside", 30, 1)):
+            recorded_at(sensor, calibration, root / f"{name}.spots", place_mm, lasting_s)
+
+    return once("recordings", make)
+
+
 @pytest.fixture
-def folder(sensor, calibration, bench, serve, tmp_path):
+def folder(recordings, bench, serve, tmp_path):
     """A `Bench`, its web server, and a folder with two recordings and with other files."""
     inside = tmp_path / "inside"
     inside.mkdir()
-    # The recordings are long enough to be seen on a slow machine.
-    for name, place_mm, lasting_s in (("a", 20.0, 4.0), ("b", 60.0, 30.0), ("../outside", 30.0, 1)):
-        recorded_at(sensor, calibration, inside / f"{name}.spots", place_mm, lasting_s)
+    for name, path in (("a", inside), ("b", inside), ("outside", tmp_path)):
+        shutil.copy(recordings / f"{name}.spots", path)
     (inside / "link.spots").symlink_to(tmp_path / "outside.spots")
     (inside / "damaged.spots").write_bytes(b"no recording")
     held = Held()
