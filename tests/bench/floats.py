@@ -9,7 +9,7 @@ import json
 import math
 import struct
 
-from spots_device.reading import decode as d
+from spots_device.reading import decode
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.calibration_lines import ONE_Q13
 
@@ -40,8 +40,8 @@ class FloatPath:
         self._serial = serial
         self._raw = bytearray(14)
         tables = memoryview(calibration.tables)
-        segments = [d.BOUNDS + 2 * i for i in range(tables[d.SEGMENTS])]
-        self._coarse = _weights(tables[d.WEIGHTS : d.WEIGHTS + 6])
+        segments = [decode.BOUNDS + 2 * i for i in range(tables[decode.SEGMENTS])]
+        self._coarse = _weights(tables[decode.WEIGHTS : decode.WEIGHTS + 6])
         self._bounds = _logs([tables[at] for at in segments])
         self._segments = [_segment(tables, tables[at + 1]) for at in segments]
         self._brightnesses = _logs(calibration.brightnesses)
@@ -100,7 +100,7 @@ class FloatPath:
 
 def _segment(tables, place):
     position, force = tables[place : place + 6], tables[place + 6 : place + 12]
-    contrasts, positions_um, _, offsets = d.columns_of(tables, place + 12, 4)
+    contrasts, positions_um, _, offsets = decode.columns_of(tables, place + 12, 4)
     return _weights(position), _weights(force), _logs(contrasts), positions_um, _logs(offsets)
 
 

@@ -49,7 +49,8 @@ EACH_SAMPLE = {
     "keys/sticky": "press release pressed tick forget holds _finish _change",
     "reading/frame": "send _send_body",
     "reading/kernel": "process _add _stamp estimate _take_logs _locate _beyond _judge "
-    "_off _follow_touch _follow_light _odd_light",
+    "_off _follow_touch _follow_light _odd_light put_touch _put_estimates _put_header add_crc "
+    "cobs_encode frame",
     "reading/log2": "log2_q20",
     "reading/lone": "begin move is_doubtful _is_lone _weigh _add_noise learn confirm _agrees "
     "_jump _follow",

@@ -7,7 +7,7 @@ import pytest
 from support.engine_bench import Bench
 
 from spots.keyboard.layout import compiled
-from spots_device.keys import layout as y
+from spots_device.keys import layout as layouts
 
 FOUR = (0.125, 0.375, 0.625, 0.875)  # middles of four keys
 
@@ -32,7 +32,7 @@ def random_text(chosen, length):
 
 def test_a_text_of_all_steps_comes_out_beside_keys_that_are_typed_meanwhile():
     chosen = random.Random(1)
-    text = random_text(chosen, y.STEPS_MAX)
+    text = random_text(chosen, layouts.STEPS_MAX)
     made = bench(f'{{text = "{text}"}}, "F1", "F2", "F3"')
     made.tap("t", FOUR[0])
     typed = ""
@@ -44,7 +44,7 @@ def test_a_text_of_all_steps_comes_out_beside_keys_that_are_typed_meanwhile():
     assert made.engine._types()
     assert wait(made, 40_000) == text + typed
     presses = [event for event in made.events if event[3]]
-    assert len(presses) == y.STEPS_MAX + 14
+    assert len(presses) == layouts.STEPS_MAX + 14
 
 
 def test_a_step_waits_for_room_in_the_outbox():
@@ -206,15 +206,15 @@ LINES = ["text 4 5", "behaviour 0 7 0 2", "layer 0 0", "key 0 1000 5242880 0 0 0
     ],
 )
 def test_a_board_refuses_steps_that_it_cannot_type(change):
-    assert list(y.parse(LINES).steps) == [4, 5]
+    assert list(layouts.parse(LINES).steps) == [4, 5]
     lines = [change.get(i, line) for i, line in enumerate(LINES)]
-    with pytest.raises(y.LayoutError):
-        y.parse("\n".join(lines).split("\n"))
+    with pytest.raises(layouts.LayoutError):
+        layouts.parse("\n".join(lines).split("\n"))
 
 
 def test_a_layout_of_texts_opens_the_pages_that_they_use():
-    assert y.parse(LINES).pages == (y.KEYBOARD,)
-    assert y.parse(["text 4 " + str(0xE9 << 8 | 0xE8), *LINES[1:]]).pages == (7, 12)
+    assert layouts.parse(LINES).pages == (layouts.KEYBOARD,)
+    assert layouts.parse(["text 4 " + str(0xE9 << 8 | 0xE8), *LINES[1:]]).pages == (7, 12)
 
 
 def test_more_steps_than_a_board_has_room_for_are_refused():

@@ -54,7 +54,7 @@ class World:
         body = [
             node
             for node in ast.parse(source.read_text()).body
-            if (isinstance(node, ast.Assign) and "_TOUCH" not in ast.unparse(node))
+            if isinstance(node, ast.Assign)
             or (isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name == name)
         ]
         names = {

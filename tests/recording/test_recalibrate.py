@@ -17,7 +17,7 @@ from spots.link.board import Board
 from spots.link.connect import prepare, upload
 from spots.recording.recalibrate import recalibrate
 from spots.recording.recorder import Recorder
-from spots_device.reading import decode as d
+from spots_device.reading import decode
 from spots_device.reading.calibration import Calibration
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.person.stage import strip_lines
@@ -96,10 +96,10 @@ def test_its_own_calibration_gives_what_the_board_sent(kind, calibration, tmp_pa
         prepare(board, made)
         play(board, tmp_path / "run.spots", 16, how.get("commands", ()))
     touches = touches_of(tmp_path / "run.spots", made)
-    assert (touches["flags"] & d.LED_OFF != 0).sum() > 5  # dark windows
+    assert (touches["flags"] & decode.LED_OFF != 0).sum() > 5  # dark windows
     assert touches["known"].sum() > 200
     made = recalibrate(tmp_path / "run.spots", [made], tmp_path / "new.spots")
-    unknown = (touches["flags"] & d.NOT_CALIBRATED != 0).sum()
+    unknown = (touches["flags"] & decode.NOT_CALIBRATED != 0).sum()
     assert (made.known, made.unknown) == (len(touches) - unknown, unknown)
 
 
@@ -129,7 +129,7 @@ def test_a_position_needs_one_spectrum_only(calibration, sensor, tmp_path):
     with pytest.warns(UserWarning, match="of its frames are missing"):
         after = spots.recalibrated(damaged, calibration).touches
     old = before[np.isin(before["sequence"], after["sequence"])]
-    lost = np.flatnonzero(after["flags"] & d.NOT_CALIBRATED)
+    lost = np.flatnonzero(after["flags"] & decode.NOT_CALIBRATED)
     assert len(lost) <= 1  # the reading whose spectrum is missing
     known = np.delete(np.arange(len(old)), lost)
     for name in FIELDS:

@@ -8,7 +8,7 @@ from array import array
 
 from .. import const
 from ..fingers.state import STATE, STUCK_T, TWO, UP
-from ..reading import decode as d
+from ..reading import decode
 from ..runtime.modules import drop
 from ..usb.usages import KEYBOARD, MOUSE
 from .interfaces import INTERFACES
@@ -200,19 +200,25 @@ class Outputs:
             if self._fingers is not None:
                 self._follow_fingers(state)
                 self._fingers.send(self._sensor, state)
-            flags = state[d.FLAGS]
+            flags = state[decode.FLAGS]
             # Not the property `two`: a call takes longer than a look-up.
-            if flags & d.TOUCHING and self._tracker.state[STATE] == TWO:
+            if flags & decode.TOUCHING and self._tracker.state[STATE] == TWO:
                 self.two = True
                 # A spectrum that fits one press gets both bits, see tracker.TWO_FIT.
-                state[d.FLAGS] = flags | (d.MISFIT if flags & d.MISFIT else d.MISFIT | d.TOO_DARK)
+                state[decode.FLAGS] = flags | (
+                    decode.MISFIT if flags & decode.MISFIT else decode.MISFIT | decode.TOO_DARK
+                )
         if self._gamepad_on and not self.two:
-            self._axes.take(state[d.FLAGS], state[d.POSITION_UM], state[d.FORCE_MN])
+            self._axes.take(state[decode.FLAGS], state[decode.POSITION_UM], state[decode.FORCE_MN])
 
     def _track(self, state):
         t = self._time.ticks()
         self._tracker.take(
-            state[d.FLAGS], state[d.POSITION_UM], state[d.FORCE_MN], state[d.BRIGHTNESS], t
+            state[decode.FLAGS],
+            state[decode.POSITION_UM],
+            state[decode.FORCE_MN],
+            state[decode.BRIGHTNESS],
+            t,
         )
         if self._keys_on:
             self._until = self._keypad.until(t)
@@ -221,10 +227,10 @@ class Outputs:
         # Without keys, `_track` has processed the reading already.
         if self._keys_on:
             self._fingers.tracker.take(
-                state[d.FLAGS],
-                state[d.POSITION_UM],
-                state[d.FORCE_MN],
-                state[d.BRIGHTNESS],
+                state[decode.FLAGS],
+                state[decode.POSITION_UM],
+                state[decode.FORCE_MN],
+                state[decode.BRIGHTNESS],
                 self._time.ticks(),
             )
 

@@ -5,7 +5,7 @@ must not depend on the keys. Imported only while contacts are streamed. Integers
 nothing but in `__init__`.
 """
 
-from ..reading import decode as d
+from ..reading import decode
 from .state import LEAVING
 from .tracker import ContactTracker
 
@@ -55,9 +55,9 @@ class Fingers:
             if not first.there:
                 self._begin(first)
             first.alone = True
-            first.x_um = reading[d.POSITION_UM]
-            first.sigma_um = tracker.noise_um(reading[d.BRIGHTNESS])
-            self._report(first, CONFIRMED, reading[d.FORCE_MN])
+            first.x_um = reading[decode.POSITION_UM]
+            first.sigma_um = tracker.noise_um(reading[decode.BRIGHTNESS])
+            self._report(first, CONFIRMED, reading[decode.FORCE_MN])
         elif first.there:
             if tracker.two:
                 first.x_um = tracker.x_um

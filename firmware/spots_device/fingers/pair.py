@@ -3,7 +3,7 @@
 `tracker.ContactTracker` then reports it. Integers only; allocates nothing.
 """
 
-from ..reading import decode as d
+from ..reading import decode
 from . import state as c
 from .evidence import guess, passes, remains, slides
 from .locate import estimate, noise, power
@@ -18,14 +18,17 @@ def watch(s, b):
     flags = s[c.FLAGS_NOW]
     if not flags & c.CHECKED:
         if (
-            flags & (d.TOUCHING | d.NOT_CALIBRATED | d.SATURATED) != d.TOUCHING
-            or (s[c.FORCE_NOW_MN] < s[c.RELEASE_MN] and not flags & (d.MISFIT | d.TOO_DARK))
+            flags & (decode.TOUCHING | decode.NOT_CALIBRATED | decode.SATURATED) != decode.TOUCHING
+            or (
+                s[c.FORCE_NOW_MN] < s[c.RELEASE_MN]
+                and not flags & (decode.MISFIT | decode.TOO_DARK)
+            )
             or s[c.STUCK_T]
             or s[c.LEAVING]
             or not s[c.LENGTH_UM]
         ):
             return -1
-        s[c.FITS] = not flags & d.MISFIT or flags & d.TOO_DARK > 0
+        s[c.FITS] = not flags & decode.MISFIT or flags & decode.TOO_DARK > 0
         if s[c.FITS]:
             s[c.FORCE_MN] = s[c.FORCE_NOW_MN]
     what = s[c.FIT_SEEN]  # of the reading before

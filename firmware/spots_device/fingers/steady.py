@@ -3,7 +3,7 @@
 Integers only; allocates nothing.
 """
 
-from ..reading import decode as d
+from ..reading import decode
 from . import state as c
 
 
@@ -17,8 +17,9 @@ def stays(s, flags):
     t = s[c.T_NOW]
     off_um = x_um - s[c.X_UM]
     if not (
-        flags & (d.TOUCHING | d.LED_OFF | d.NOT_CALIBRATED | d.SATURATED) == d.TOUCHING
-        and bool(flags & d.MISFIT) == bool(flags & d.TOO_DARK)
+        flags & (decode.TOUCHING | decode.LED_OFF | decode.NOT_CALIBRATED | decode.SATURATED)
+        == decode.TOUCHING
+        and bool(flags & decode.MISFIT) == bool(flags & decode.TOO_DARK)
         and not s[c.LEAVING]
         and -c.SAME_UM < off_um < c.SAME_UM
         and s[c.RELEASE_MN] <= force_mN < s[c.FIRM_MN]
@@ -40,6 +41,6 @@ def stays(s, flags):
     s[c.B_BEFORE] = s[c.B]
     s[c.B] = s[c.B_NOW]
     s[c.LOOSE] = False
-    s[c.DRIFTS] = flags & d.MISFIT
+    s[c.DRIFTS] = flags & decode.MISFIT
     s[c.T] = t
     return True

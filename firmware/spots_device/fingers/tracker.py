@@ -42,7 +42,7 @@ Integers only; allocates nothing.
 from array import array
 
 from .. import const
-from ..reading import decode as d
+from ..reading import decode
 from . import state as c
 from .evidence import (
     has_left,
@@ -54,11 +54,13 @@ from .locate import noise
 from .pair import watch
 from .steady import stays
 
-DOUBTFUL = d.LED_OFF | d.MISFIT | d.NOT_CALIBRATED | d.SATURATED | d.TOO_DARK
+DOUBTFUL = (
+    decode.LED_OFF | decode.MISFIT | decode.NOT_CALIBRATED | decode.SATURATED | decode.TOO_DARK
+)
 # Flags of an untrusted reading whose spectrum fits one press well enough for a key: the strip has
 # drifted, or there are two fingers.
-TWO_FIT = d.MISFIT | d.TOO_DARK
-_BLIND = d.NOT_CALIBRATED | d.SATURATED
+TWO_FIT = decode.MISFIT | decode.TOO_DARK
+_BLIND = decode.NOT_CALIBRATED | decode.SATURATED
 TICK_US = 1024  # see `state.TICKS`
 
 # Product of the light in counts and the standard deviation of the position in um by ADC noise, at
@@ -166,7 +168,7 @@ class ContactTracker:
         # The call frames of this function and of most that it calls have at most 11 words, see
         # strip.py: the reading is in the state.
         s = self.state
-        if flags & d.LED_OFF or (flags & d.TOUCHING and not force_mN):
+        if flags & decode.LED_OFF or (flags & decode.TOUCHING and not force_mN):
             return  # whether a finger touches is unknown: LED off, or the ambient light has changed
         s[c.X_NOW_UM] = position_um
         s[c.FORCE_NOW_MN] = force_mN
@@ -179,12 +181,12 @@ class ContactTracker:
                 return
         elif s[c.STATE] == c.TWO and self._take_two(flags):
             return
-        if not flags & d.TOUCHING or (force_mN < s[c.RELEASE_MN] and not flags & DOUBTFUL):
+        if not flags & decode.TOUCHING or (force_mN < s[c.RELEASE_MN] and not flags & DOUBTFUL):
             if s[c.STATE] != c.UP:
                 self._lift(t)
             else:
                 s[c.SEEN] = 0
-            if force_mN and not flags & d.MISFIT and s[c.STATE] == c.UP:
+            if force_mN and not flags & decode.MISFIT and s[c.STATE] == c.UP:
                 self._approach()
             return
         if s[c.LEAVING]:
@@ -196,7 +198,7 @@ class ContactTracker:
         if flags & _BLIND:
             s[c.SEEN] = 0
             return
-        s[c.FITS] = not flags & d.MISFIT or flags & TWO_FIT == TWO_FIT
+        s[c.FITS] = not flags & decode.MISFIT or flags & TWO_FIT == TWO_FIT
         if s[c.FITS]:
             s[c.FORCE_MN] = force_mN
             if s[c.STUCK_T] and s[c.STATE] and self._rests():
@@ -212,7 +214,7 @@ class ContactTracker:
         elif s[c.STATE] == c.TWO:
             self._take_two(flags | c.CHECKED)
         if s[c.STATE] == c.DOWN:
-            s[c.DRIFTS] = flags & d.MISFIT
+            s[c.DRIFTS] = flags & decode.MISFIT
         s[c.T] = t
 
     def _lift(self, t):
@@ -419,7 +421,7 @@ class ContactTracker:
         else:
             self._fade(what >> 8)
         if s[c.STATE] == c.DOWN:
-            s[c.DRIFTS] = flags & d.MISFIT
+            s[c.DRIFTS] = flags & decode.MISFIT
         s[c.T] = t
         return True
 

@@ -37,8 +37,8 @@ from array import array
 
 from .. import const
 from ..usb.usages import CAPS_LOCK_KEY, KEYBOARD, MODIFIERS_FROM, PLAIN
-from . import layout as y
-from . import switch as w
+from . import layout as layouts
+from . import switch
 from .layers import Layers
 from .switch import Switches, past
 
@@ -79,7 +79,7 @@ class Engine:
         self.layout = None
         self._length_mm = 1
         self.switches = None
-        self._make_switches(w.SWITCHES, _QUEUE)
+        self._make_switches(switch.SWITCHES, _QUEUE)
         self.layers = Layers()
         self._brief = array("i", bytes(8 * _BRIEF))  # tapped keys: action, or 0, and ticks
         self._briefs = 0  # how many
@@ -101,12 +101,12 @@ class Engine:
         # Class of each kind; its module has the same name. Its method ``press(i, n, t)`` presses
         # the behaviour at the index `n` of the layout with the switch `i`.
         table = {
-            y.STICKY: "Sticky",
-            y.TAP_DANCE: "Dance",
-            y.MOD_MORPH: "Morph",
-            y.KEY_REPEAT: "Repeat",
-            y.CAPS_WORD: "Caps",
-            y.TEXT: "Text",
+            layouts.STICKY: "Sticky",
+            layouts.TAP_DANCE: "Dance",
+            layouts.MOD_MORPH: "Morph",
+            layouts.KEY_REPEAT: "Repeat",
+            layouts.CAPS_WORD: "Caps",
+            layouts.TEXT: "Text",
         }
         self._set_behaviours({})
         made = {}
@@ -122,20 +122,20 @@ class Engine:
 
             self._moves = Moves(self)
         if self._text is None:
-            self._make_switches(w.SWITCHES, _QUEUE)
+            self._make_switches(switch.SWITCHES, _QUEUE)
         else:
             # A text takes seconds: room for touches meanwhile, each a press and a release.
-            self._make_switches(w.MANY, 3 * w.MANY)
+            self._make_switches(switch.MANY, 3 * switch.MANY)
 
     def _set_behaviours(self, made):
         self._moves = None
         self._made = made
-        self._sticky = made.get(y.STICKY)
-        self._dance = made.get(y.TAP_DANCE)
-        self._morph = made.get(y.MOD_MORPH)
-        self._repeat = made.get(y.KEY_REPEAT)
-        self.caps = made.get(y.CAPS_WORD)
-        self._text = made.get(y.TEXT)
+        self._sticky = made.get(layouts.STICKY)
+        self._dance = made.get(layouts.TAP_DANCE)
+        self._morph = made.get(layouts.MOD_MORPH)
+        self._repeat = made.get(layouts.KEY_REPEAT)
+        self.caps = made.get(layouts.CAPS_WORD)
+        self._text = made.get(layouts.TEXT)
 
     def _make_switches(self, most, places):
         if self.switches is None or most != self.switches.most:
@@ -156,10 +156,10 @@ class Engine:
             # Room for the releases of all switches is kept free.
             if not self._has_place():
                 return _NONE
-            self.switches.state[i] = w.WAITS
+            self.switches.state[i] = switch.WAITS
             self._put(_PRESS, i, x_um, t)
         else:
-            self.switches.state[i] = w.SEEKS
+            self.switches.state[i] = switch.SEEKS
         return i
 
     def release_one(self, i, t):
@@ -169,7 +169,7 @@ class Engine:
 
     def firm(self, i, t):
         """Report that the switch `i` is pressed firmly."""
-        if i >= 0 and w.WAITS <= self.switches.state[i] <= w.OPEN and self._has_place():
+        if i >= 0 and switch.WAITS <= self.switches.state[i] <= switch.OPEN and self._has_place():
             self._put(_IS_FIRM, i, 0, t)
 
     def move(self, i, x_um, t):
@@ -177,14 +177,14 @@ class Engine:
         if i < 0:
             return True
         state = self.switches.state[i]
-        if state >= w.PRESSED:
+        if state >= switch.PRESSED:
             return True
-        if state == w.SEEKS:
+        if state == switch.SEEKS:
             if self._row_at(self.layers.top(), x_um) >= 0 and self._has_place():
                 self.switches.place(i, x_um)
-                self.switches.state[i] = w.WAITS
+                self.switches.state[i] = switch.WAITS
                 self._put(_PRESS, i, x_um, t)
-        elif state >= w.OPEN and self._moves is not None:
+        elif state >= switch.OPEN and self._moves is not None:
             self._moved = i
             self._moved_um = x_um
             self._moved_t = t
@@ -246,7 +246,7 @@ class Engine:
             if self.switches.action[i]:
                 self._end(i, 0)
                 self.switches.action[i] = 0
-            self.switches.state[i] = w.FREE
+            self.switches.state[i] = switch.FREE
         if self.caps is not None:
             self.caps.forget()
         self._clear()
@@ -254,13 +254,13 @@ class Engine:
 
     def is_pressed(self, i):
         """Return whether the switch `i` is pressed or waits."""
-        return i >= 0 and self.switches.state[i] > w.FREE
+        return i >= 0 and self.switches.state[i] > switch.FREE
 
     def is_certain(self, x_um, slack_um):
         """Return whether the range `x_um` +- `slack_um` is on one key, where no finger is."""
         if not self._is_on_one(self.layers.top(), x_um, slack_um):
             return False
-        if self._open >= 0 and self._hold >> 20 == y.MOMENTARY:
+        if self._open >= 0 and self._hold >> 20 == layouts.MOMENTARY:
             return self._is_on_one(self._hold & 0xFFF, x_um, slack_um)
         return True
 
@@ -274,7 +274,7 @@ class Engine:
             return True
         return (
             self._open >= 0
-            and self._hold >> 20 == y.MOMENTARY
+            and self._hold >> 20 == layouts.MOMENTARY
             and self._row_at(self._hold & 0xFFF, x_um) >= 0
         )
 
@@ -327,7 +327,7 @@ class Engine:
         # An event of another switch while a switch is open.
         kind = self._queue[at]
         i = self._queue[at + 1]
-        waits = self.switches.state[i] == w.WAITS
+        waits = self.switches.state[i] == switch.WAITS
         if kind == _RELEASE and not waits and not _is_modifier(self.switches.action[i]):
             self._do(at)
             self._remove()
@@ -357,7 +357,7 @@ class Engine:
             self.switches.action[i] = 0
         if self._dance is not None:
             self._dance.released(i, t)
-        self.switches.state[i] = w.FREE
+        self.switches.state[i] = switch.FREE
 
     # Decisions.
 
@@ -375,7 +375,7 @@ class Engine:
             if row == self._due:
                 self._due = _NONE
                 self.switches.row[i] = row
-                self._act(i, self.layout.keys[row + y.DOUBLE], t)
+                self._act(i, self.layout.keys[row + layouts.DOUBLE], t)
                 return True
             self._tap_due(t)  # it may switch the layer
             return False
@@ -388,41 +388,41 @@ class Engine:
         self.switches.row[i] = row
         self.switches.began[i] = t
         self.switches.layer[i] = self.layers.top()
-        self.switches.state[i] = w.SEEKS
+        self.switches.state[i] = switch.SEEKS
         if row >= 0:
             self._prepare(row)
             is_open = self.wait_t or self._slides(row)
             if not is_open or (self._hold and self._is_quick(row, t)):
                 self._tap(i, row, t)
                 return
-            self.switches.state[i] = w.OPEN
+            self.switches.state[i] = switch.OPEN
             self._open = i
         self._tapped = _NONE
 
     def _tap(self, i, row, t):
         self._tapped = row
         self._tapped_t = t
-        self._act(i, self.layout.keys[row + y.TAP], t)
+        self._act(i, self.layout.keys[row + layouts.TAP], t)
 
     def _prepare(self, row):
         # Sets how the switch at `row` is decided.
         layout = self.layout
         keys = layout.keys
-        self._hold = hold = keys[row + y.HOLD]
+        self._hold = hold = keys[row + layouts.HOLD]
         self._flavor = layout.flavor
         self._quick_t = layout.quick_tap_t
         self._idle_t = layout.require_prior_idle_t
         self.wait_t = layout.tapping_term_t
-        if hold >> 20 == y.BEHAVIOUR:
+        if hold >> 20 == layouts.BEHAVIOUR:
             n = layout.behaviour(hold & 0xFFF)
             b = layout.behaviours
-            if b[n] == y.HOLD_TAP:
+            if b[n] == layouts.HOLD_TAP:
                 self._flavor = b[n + 1]
                 self.wait_t = b[n + 2]
                 self._quick_t = b[n + 3]
                 self._idle_t = b[n + 4]
                 self._hold = b[n + 5]
-        if not hold and not keys[row + y.DOUBLE]:
+        if not hold and not keys[row + layouts.DOUBLE]:
             self.wait_t = self._short_wait_t(row)
 
     def _short_wait_t(self, row):
@@ -430,7 +430,7 @@ class Engine:
         swipes = self.swipes(self.layers.top())
         if self._slides(row):
             return layout.swipe_t if swipes else 0  # after it, no swipe is possible
-        wait_t = layout.firm_t if layout.keys[row + y.FIRM] else 0
+        wait_t = layout.firm_t if layout.keys[row + layouts.FIRM] else 0
         return max(wait_t, layout.swipe_t) if swipes else wait_t
 
     def _is_quick(self, row, t):
@@ -446,19 +446,19 @@ class Engine:
         row = self.switches.row[self._open]
         if self._hold and event != _OWN_UP:
             if self._is_hold(event):
-                if event == _TIMER and self._flavor & y.RETRO_TAP and not self._seen:
+                if event == _TIMER and self._flavor & layouts.RETRO_TAP and not self._seen:
                     # From now on only another press decides: the release alone is a tap.
                     self.wait_t = 0
-                    self._flavor = y.HOLD_PREFERRED
+                    self._flavor = layouts.HOLD_PREFERRED
                 else:
                     self._act(self.close(), self._hold, t)
                 return
             if event != _TIMER:
                 return
-        elif event == _TIMER and self._slides(row) and not self.layout.keys[row + y.DOUBLE]:
+        elif event == _TIMER and self._slides(row) and not self.layout.keys[row + layouts.DOUBLE]:
             self.wait_t = 0  # it slides at any time
             return
-        if event == _OWN_UP and self.layout.keys[row + y.DOUBLE]:
+        if event == _OWN_UP and self.layout.keys[row + layouts.DOUBLE]:
             self._due = row
             self._due_of = self.close()
             self._due_t = t
@@ -467,30 +467,30 @@ class Engine:
             self._tap(self.close(), row, t)
 
     def _is_hold(self, event):
-        flavor = self._flavor & ~y.RETRO_TAP
+        flavor = self._flavor & ~layouts.RETRO_TAP
         if event == _TIMER:
-            return flavor != y.TAP_UNLESS_INTERRUPTED
+            return flavor != layouts.TAP_UNLESS_INTERRUPTED
         if event == _OTHER_UP:
-            return flavor == y.BALANCED
-        return flavor != y.BALANCED and flavor != y.TAP_PREFERRED
+            return flavor == layouts.BALANCED
+        return flavor != layouts.BALANCED and flavor != layouts.TAP_PREFERRED
 
     def close(self):
         """Decide the open switch; return its number. The caller then presses its action."""
         i = self._open
         self._open = _NONE
         self._seen = 0
-        self.switches.state[i] = w.OVER
+        self.switches.state[i] = switch.OVER
         return i
 
     def _press_firmly(self, t):
-        action = self.layout.keys[self.switches.row[self._open] + y.FIRM]
+        action = self.layout.keys[self.switches.row[self._open] + layouts.FIRM]
         if action:
             self._act(self.close(), action, t)
 
     def _tap_due(self, t):
         row = self._due
         self._due = self._due_of = _NONE
-        self.click(row, self.layout.keys[row + y.TAP], t)
+        self.click(row, self.layout.keys[row + layouts.TAP], t)
 
     def _is_late(self, t):
         # Decides one thing whose time is over at the time `t`; returns whether there was one.
@@ -513,7 +513,7 @@ class Engine:
         # Processes the last movement of a switch, one step at a time.
         i = self._moved
         if not (
-            w.OPEN <= self.switches.state[i] <= w.SLIDING
+            switch.OPEN <= self.switches.state[i] <= switch.SLIDING
             and self._moves.move(i, self._moved_um, self._moved_t)
         ):
             self._moved = _NONE
@@ -522,7 +522,7 @@ class Engine:
 
     def _act(self, i, action, t):
         """Press an action next; the switch `i` then holds it."""
-        self.switches.state[i] = w.PRESSED
+        self.switches.state[i] = switch.PRESSED
         self.then(i, action, t)
 
     def then(self, i, action, t):
@@ -548,7 +548,7 @@ class Engine:
         self._start(i, action, t)
         if self._next_action < 0:
             self.hidden = 0
-        if self._next_of != i and self.switches.state[i] != w.PRESSED:
+        if self._next_of != i and self.switches.state[i] != switch.PRESSED:
             self._end(i, t)
             self.switches.action[i] = 0
             if self._dance is not None:
@@ -556,13 +556,13 @@ class Engine:
 
     def _start(self, i, action, t):
         self.switches.action[i] = action
-        if action >> 20 == y.BEHAVIOUR:
+        if action >> 20 == layouts.BEHAVIOUR:
             n = self.layout.behaviour(action & 0xFFF)
             self._made[self.layout.behaviours[n]].press(i, n, t)
         elif action >> 20 >= KEYBOARD:
             self.typed(self._press_key(i, action), t)
         elif action:
-            if action >> 20 == y.TO and self._sticky is not None:
+            if action >> 20 == layouts.TO and self._sticky is not None:
                 self._sticky.forget()
             self.layers.press(action >> 20, action & 0xFFF)
 
@@ -593,9 +593,9 @@ class Engine:
         # Releases the action of the switch `i`; the caller then clears it.
         action = self.switches.action[i]
         kind = action >> 20
-        if kind == y.MOMENTARY:
+        if kind == layouts.MOMENTARY:
             self.layers.hold(action & 0xFFF, -1)
-        elif kind == y.BEHAVIOUR:
+        elif kind == layouts.BEHAVIOUR:
             if self._sticky is not None:
                 self._sticky.release(i, t)
         elif kind >= KEYBOARD:
@@ -649,11 +649,14 @@ class Engine:
         last = layout.first(layer + 1)
         while row < last:
             # The ends of the strip belong to the outermost keys.
-            if (keys[row + y.LOW] == 0 or x_um >= keys[row + y.LOW] * self._length_mm) and (
-                keys[row + y.HIGH] == y.FULL or x_um < keys[row + y.HIGH] * self._length_mm
+            if (
+                keys[row + layouts.LOW] == 0 or x_um >= keys[row + layouts.LOW] * self._length_mm
+            ) and (
+                keys[row + layouts.HIGH] == layouts.FULL
+                or x_um < keys[row + layouts.HIGH] * self._length_mm
             ):
                 return row
-            row += y.KEY_SIZE
+            row += layouts.KEY_SIZE
         return _NONE
 
     def _again_at(self, x_um, t):
@@ -675,16 +678,16 @@ class Engine:
             if not (self._was_sticky or self.layout.is_on(self.layers.top(), row)):
                 return _NONE
         if self._is_near(row, x_um) and (
-            self.layout.keys[row + y.HOLD]
-            or self.layout.keys[row + y.DOUBLE]
+            self.layout.keys[row + layouts.HOLD]
+            or self.layout.keys[row + layouts.DOUBLE]
             or self._row_at(self.layers.top(), x_um) < 0
         ):
             return row
         return _NONE
 
     def _is_near(self, row, x_um):
-        low_um = self.layout.keys[row + y.LOW] * self._length_mm
-        high_um = self.layout.keys[row + y.HIGH] * self._length_mm
+        low_um = self.layout.keys[row + layouts.LOW] * self._length_mm
+        high_um = self.layout.keys[row + layouts.HIGH] * self._length_mm
         slack_um = min(self.layout.slack_um, high_um - low_um >> 4)
         return low_um - slack_um <= x_um < high_um + slack_um
 
@@ -698,9 +701,11 @@ class Engine:
         if row < 0:
             return False
         return (
-            keys[row + y.LOW] == 0 or x_um - slack_um >= keys[row + y.LOW] * self._length_mm
+            keys[row + layouts.LOW] == 0
+            or x_um - slack_um >= keys[row + layouts.LOW] * self._length_mm
         ) and (
-            keys[row + y.HIGH] == y.FULL or x_um + slack_um <= keys[row + y.HIGH] * self._length_mm
+            keys[row + layouts.HIGH] == layouts.FULL
+            or x_um + slack_um <= keys[row + layouts.HIGH] * self._length_mm
         )
 
     def swipes(self, layer):
@@ -708,7 +713,10 @@ class Engine:
         return self.layout.swipe(layer, True) or self.layout.swipe(layer, False)
 
     def _slides(self, row):
-        return self.layout.keys[row + y.SLIDE_MINUS] or self.layout.keys[row + y.SLIDE_PLUS]
+        return (
+            self.layout.keys[row + layouts.SLIDE_MINUS]
+            or self.layout.keys[row + layouts.SLIDE_PLUS]
+        )
 
     def _clear(self):
         self._first = self._count = self._seen = 0

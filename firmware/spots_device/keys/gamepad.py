@@ -4,7 +4,7 @@ Without a touch all values are 0, like a centred stick. Integers only; allocates
 """
 
 from ..fingers.tracker import DOUBTFUL, TWO_FIT
-from ..reading import decode as d
+from ..reading import decode
 
 _BITS = 22  # most bits of a length: with 8 more bits it still fits a small integer
 _X_MAX = 32_767
@@ -36,7 +36,7 @@ class GamepadAxes:
         Any bit of `tracker.DOUBTFUL` marks the reading as untrusted, unless these bits are exactly
         `tracker.TWO_FIT`.
         """
-        if not flags & d.TOUCHING:
+        if not flags & decode.TOUCHING:
             self._sink.update(0, 0, 0, 0)
         elif not flags & DOUBTFUL or flags & DOUBTFUL == TWO_FIT:
             self._sink.update(self._x(position_um), 0, self._z(force_mN), 1)

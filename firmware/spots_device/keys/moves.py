@@ -7,8 +7,8 @@ A swipe decides first: on a layer with swipes, a slide begins when no swipe is p
 """
 
 from ..usb.usages import MOUSE, NOTCH, WHEEL
-from . import layout as y
-from . import switch as w
+from . import layout as layouts
+from . import switch
 from .switch import past
 
 
@@ -34,7 +34,7 @@ class Moves:
     def _may_swipe(self, i, t):
         s = self._engine.switches
         return (
-            s.state[i] == w.OPEN
+            s.state[i] == switch.OPEN
             and self._engine.wait_t
             and self._engine.swipes(s.layer[i])
             and past(s.began[i], t) < self._engine.layout.swipe_t
@@ -47,7 +47,7 @@ class Moves:
 
     def _step(self, i, x_um, t):
         off_um = x_um - self._engine.switches.step_um[i]
-        if self._engine.switches.state[i] == w.SLIDING and self._turn(i, off_um):
+        if self._engine.switches.state[i] == switch.SLIDING and self._turn(i, off_um):
             return False
         slide_um = self._engine.layout.slide_um
         if abs(off_um) < slide_um:
@@ -57,11 +57,11 @@ class Moves:
     def _slide(self, i, um, t):
         s = self._engine.switches
         action = self._action(i, um > 0)
-        if s.state[i] == w.OPEN:
+        if s.state[i] == switch.OPEN:
             if not action:
                 return False
             self._engine.close()
-            s.state[i] = w.SLIDING
+            s.state[i] = switch.SLIDING
         if not _is_wheel(action):
             s.step_um[i] += um
             self._engine.then(i, action, t)
@@ -83,7 +83,7 @@ class Moves:
     def _action(self, i, plus):
         engine = self._engine
         return engine.layout.keys[
-            engine.switches.row[i] + (y.SLIDE_PLUS if plus else y.SLIDE_MINUS)
+            engine.switches.row[i] + (layouts.SLIDE_PLUS if plus else layouts.SLIDE_MINUS)
         ]
 
 

@@ -13,8 +13,7 @@ from typing import IO, Any, NamedTuple
 import msgspec
 
 from spots_device.board.settings import checksum
-from spots_device.reading import decode as d
-from spots_device.reading import frame
+from spots_device.reading import decode, frame
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.kernel import TOUCH_BODY
 
@@ -67,7 +66,7 @@ class _Reading:
         """The frame with its new values."""
         assert self.values
         flags, *rest = self.values
-        flags = flags & ~d.DROPPED | self.flags & d.DROPPED
+        flags = flags & ~decode.DROPPED | self.flags & decode.DROPPED
         return framed(_HEAD.pack(*self.head) + _TOUCH.pack(flags, *rest))
 
 
@@ -97,7 +96,7 @@ class _Lane:
 
     def _set(self, reading: _Reading, values: Values) -> None:
         self._touch, reading.values = None, values
-        is_known = not values.flags & d.NOT_CALIBRATED
+        is_known = not values.flags & decode.NOT_CALIBRATED
         self.known += is_known
         self.unknown += not is_known
         if not is_known and self.strip.why_not:

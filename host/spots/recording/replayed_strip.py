@@ -12,8 +12,7 @@ from typing import Annotated, Any, NamedTuple
 
 import msgspec
 
-from spots_device.reading import decode as d
-from spots_device.reading import frame, lone
+from spots_device.reading import decode, frame, lone
 from spots_device.reading.calibration import CalibrationSlot, Conditions
 from spots_device.reading.dark import Baseline, Dark
 from spots_device.reading.kernel import process
@@ -23,7 +22,9 @@ from ..link.frames import Spectrum
 
 _FLOOR_SAMPLES = 64  # of `Spectrum.taken_off_q6`
 _Q12_SHIFT = 6  # from 1/64 count to Q12
-_KNOWN = d.SATURATED | d.DARK_SUBTRACTED | d.LED_OFF  # flags that belong to the counts
+_KNOWN = (
+    decode.SATURATED | decode.DARK_SUBTRACTED | decode.LED_OFF
+)  # flags that belong to the counts
 _TICK_SHIFT = 10  # from us to ticks of 1.024 ms
 _NO_TABLES = array("i", bytes(4))
 
@@ -81,14 +82,14 @@ class ReplayedStrip:
         self._settings = _Settings()
         self._slot = CalibrationSlot()
         self._slot.use(list(lines))
-        self._decode = d.Decode()
+        self._decode = decode.Decode()
         self._state = state = self._decode.state
-        state[d.AVERAGE] = 1
+        state[decode.AVERAGE] = 1
         self._decode.scale(1, _FLOOR_SAMPLES)
         self._baseline = Baseline(Dark(state))
         self._baseline.rescale(1)
         self._counts = array("i", bytes(4 * CHANNELS))
-        head = array("i", bytes(4 * d.HEAD_SIZE))
+        head = array("i", bytes(4 * decode.HEAD_SIZE))
         self._work = [state, _NO_TABLES, self._counts, head, None, None, self._use]
         self._spectrum: Spectrum | None = None
         self._is_dark = False
@@ -112,29 +113,29 @@ class ReplayedStrip:
         if conditions != self._conditions:
             self._conditions = conditions
             self._baseline.unstick()
-        self._state[d.EXPOSURE_US] = s.exposure_us
-        self._state[d.AGE_STEP_US] = 0 if s.led == "always" else s.exposure_us
+        self._state[decode.EXPOSURE_US] = s.exposure_us
+        self._state[decode.AGE_STEP_US] = 0 if s.led == "always" else s.exposure_us
 
     def take(self, spectrum: Spectrum) -> Values:
         """Return the values of a reading."""
         state, tables, flags = self._state, self._decode.tables, spectrum.flags & _KNOWN
-        if flags & d.LED_OFF:
+        if flags & decode.LED_OFF:
             self._is_dark = True
         else:
             if self._is_dark:  # as after a dark window
                 self._is_dark = False
-                state[d.LEVEL] = state[d.ODD_US] = 0
-            if not flags & d.DARK_SUBTRACTED:
+                state[decode.LEVEL] = state[decode.ODD_US] = 0
+            if not flags & decode.DARK_SUBTRACTED:
                 tables = _NO_TABLES
                 self.why_not = self.why_not or _NO_DARK
             self._take_off(spectrum)
         self._spectrum = spectrum
         self._counts[:] = array("i", spectrum.counts)
-        self._work[d.TABLES] = tables
+        self._work[decode.TABLES] = tables
         process(self._work, flags)
-        if spectrum.context & frame.CHANGING and not flags & d.LED_OFF:
+        if spectrum.context & frame.CHANGING and not flags & decode.LED_OFF:
             lone.ignore(state)
-        return Values(*state[: d.FORCE_MN + 1])
+        return Values(*state[: decode.FORCE_MN + 1])
 
     def _take_off(self, spectrum: Spectrum) -> None:
         state, made = self._state, self._decode.calibration
@@ -142,15 +143,17 @@ class ReplayedStrip:
         if made is not None:
             if made.thermal is not None and spectrum.temperature_mC != frame.UNKNOWN_MC:
                 made.thermal.follow(spectrum.temperature_mC)
-            if made.baseline and spectrum.flags & d.NOT_CALIBRATED:
+            if made.baseline and spectrum.flags & decode.NOT_CALIBRATED:
                 # Without a calibration, the board has subtracted no baseline.
-                ratio = state[d.EXPOSURE_US] / made.conditions.exposure_us
+                ratio = state[decode.EXPOSURE_US] / made.conditions.exposure_us
                 floor = [one + int(rest * ratio) for one, rest in zip(floor, made.baseline)]
-        sticks = state[d.STUCK] >= d.STUCK_LEAST
+        sticks = state[decode.STUCK] >= decode.STUCK_LEAST
         for i, one in enumerate(floor):
-            state[d.FLOOR + i] = one
+            state[decode.FLOOR + i] = one
             # The light that sticks is computed again, to see when a touch ends.
-            state[d.DARK + i] = (one << _Q12_SHIFT) - (state[d.STICK + i] if sticks else 0)
+            state[decode.DARK + i] = (one << _Q12_SHIFT) - (
+                state[decode.STICK + i] if sticks else 0
+            )
 
     def _use(self) -> bool:
         state, spectrum = self._state, self._spectrum
@@ -158,12 +161,14 @@ class ReplayedStrip:
         silicone = self._decode.compensation
         if silicone is not None:
             silicone.take(state, spectrum.t_us >> _TICK_SHIFT)
-        flags = state[d.FLAGS]
-        if spectrum.context & frame.TWO and flags & d.TOUCHING:
-            state[d.FLAGS] = flags | (d.MISFIT if flags & d.MISFIT else d.MISFIT | d.TOO_DARK)
+        flags = state[decode.FLAGS]
+        if spectrum.context & frame.TWO and flags & decode.TOUCHING:
+            state[decode.FLAGS] = flags | (
+                decode.MISFIT if flags & decode.MISFIT else decode.MISFIT | decode.TOO_DARK
+            )
         return False
 
 
 def unknown(flags: int) -> Values:
     """Return the values of a reading that is unknown, from the flags of its touch."""
-    return Values(flags & _KNOWN | d.NOT_CALIBRATED)
+    return Values(flags & _KNOWN | decode.NOT_CALIBRATED)
