@@ -18,8 +18,8 @@ from spots.outputs.devices import PrintedGamepad, PrintedKeyboard
 from spots.terminal import view
 from spots.terminal.monitor import watch
 from spots.wearable.wearable import Mapping, play
-from spots_device.fingers.tracker import TWO_FIT
 from spots_device.reading.decode import (
+    FITS_WITH_DRIFT,
     LED_OFF,
     MISFIT,
     NOT_CALIBRATED,
@@ -88,8 +88,8 @@ def reading(flags):
     [
         (TOUCHING | MISFIT, "fit one press"),
         (TOUCHING | MISFIT, "two fingers"),
-        (TOUCHING | TWO_FIT, "has drifted"),
-        (TOUCHING | TWO_FIT, "spots doctor"),
+        (TOUCHING | FITS_WITH_DRIFT, "has drifted"),
+        (TOUCHING | FITS_WITH_DRIFT, "spots doctor"),
         (MISFIT, "fit one press"),
         (SATURATED | MISFIT | TOUCHING, "saturated"),
         (NOT_CALIBRATED, "spots calibrate"),
@@ -167,7 +167,7 @@ def test_a_second_press_that_does_not_fit_shows_a_drift(presses, word):
 def test_another_finger_after_a_trusted_one_is_no_drift(first, word):
     untrusted = Untrusted()
     for i in range(40):
-        untrusted.take(reading(TOUCHING | TWO_FIT if i else first), 0.02 * i)
+        untrusted.take(reading(TOUCHING | FITS_WITH_DRIFT if i else first), 0.02 * i)
     assert word in untrusted.sentence
     assert untrusted.drifted == (first == TOO_DARK)
 

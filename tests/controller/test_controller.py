@@ -17,9 +17,9 @@ from spots.controller.controller_settings import (
 from spots.controller.gamepad_engine import Controller
 from spots.link.frames import Touch
 from spots.outputs.devices import AXIS_MAX, REST, State
-from spots_device.fingers.tracker import TWO_FIT
 from spots_device.reading.decode import (
     DROPPED,
+    FITS_WITH_DRIFT,
     LED_OFF,
     MISFIT,
     NOT_CALIBRATED,
@@ -125,7 +125,7 @@ DOUBTS = [MISFIT, SATURATED, LED_OFF, NOT_CALIBRATED, MISFIT | SATURATED | DROPP
 
 def test_a_reading_that_fits_one_press_up_to_the_drift_moves_the_axes():
     play = Play().touch(20)
-    assert play.touch(80, flags=TOUCHING | TWO_FIT | DROPPED).x > 0.5 * AXIS_MAX
+    assert play.touch(80, flags=TOUCHING | FITS_WITH_DRIFT | DROPPED).x > 0.5 * AXIS_MAX
     assert not play.controller.held
     play.lift()
     assert play.x == 0

@@ -48,17 +48,17 @@ EACH_SAMPLE = {
     "keys/switch": "free place past",
     "keys/sticky": "press release pressed tick forget holds _finish _change",
     "reading/frame": "send _send_body",
-    "reading/kernel": "process _add _stamp estimate _take_logs _locate _beyond _judge "
+    "reading/kernel": "process _add _stamp estimate _take_logs _locate _beyond _touch_flags "
     "_off _follow_touch _follow_light _odd_light put_touch _put_estimates _put_header add_crc "
     "cobs_encode frame",
     "reading/log2": "log2_q20",
     "reading/lone": "begin move is_doubtful _is_lone _weigh _add_noise learn confirm _agrees "
-    "_jump _follow",
+    "_jump _follow_drift",
     "reading/sticking": "unstick _fade _set_floor _forget _peak _measure _net _correct",
     "sensor/burst": "unpack",
     "sensor/pacing": "early found held skip",
     "runtime/micropython": "write _has_room _put read",
-    "reading/strip": "take _judge _use _finish _follow",
+    "reading/strip": "take _sample_flags _use_reading _finish _follow_baseline",
     "reading/ambient": "follow _is_shifted _slope _is_ambient _left _net _move _expect",
     "reading/dark": "is_due chi2",
     "reading/silicone": "take _follow_time _creep _corrected _excess",

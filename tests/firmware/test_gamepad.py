@@ -5,9 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.smallint import SmallInt
 
-from spots_device.fingers.tracker import TWO_FIT
 from spots_device.keys.gamepad import GamepadAxes
 from spots_device.reading.decode import (
+    FITS_WITH_DRIFT,
     LED_OFF,
     MISFIT,
     TOO_DARK,
@@ -62,7 +62,7 @@ def test_without_a_touch_all_is_0_and_a_doubtful_reading_changes_nothing(axes):
 
 
 def test_a_reading_that_fits_one_press_up_to_the_drift_moves_the_axes(axes):
-    axes.take(TOUCHING | TWO_FIT, LENGTH_UM, 5000)
+    axes.take(TOUCHING | FITS_WITH_DRIFT, LENGTH_UM, 5000)
     assert axes.sink.now == (32_767, 0, 32_760, 1)
     axes.take(TOUCHING | MISFIT, 0, 5000)
     assert axes.sink.now == (32_767, 0, 32_760, 1)

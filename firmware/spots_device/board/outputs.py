@@ -204,7 +204,7 @@ class Outputs:
             # Not the property `two`: a call takes longer than a look-up.
             if flags & decode.TOUCHING and self._tracker.state[STATE] == TWO:
                 self.two = True
-                # A spectrum that fits one press gets both bits, see tracker.TWO_FIT.
+                # A spectrum that fits one press gets both bits, see decode.FITS_WITH_DRIFT.
                 state[decode.FLAGS] = flags | (
                     decode.MISFIT if flags & decode.MISFIT else decode.MISFIT | decode.TOO_DARK
                 )

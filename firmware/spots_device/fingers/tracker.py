@@ -57,9 +57,7 @@ from .steady import stays
 DOUBTFUL = (
     decode.LED_OFF | decode.MISFIT | decode.NOT_CALIBRATED | decode.SATURATED | decode.TOO_DARK
 )
-# Flags of an untrusted reading whose spectrum fits one press well enough for a key: the strip has
-# drifted, or there are two fingers.
-TWO_FIT = decode.MISFIT | decode.TOO_DARK
+_FITS = decode.FITS_WITH_DRIFT
 _BLIND = decode.NOT_CALIBRATED | decode.SATURATED
 TICK_US = 1024  # see `state.TICKS`
 
@@ -198,7 +196,7 @@ class ContactTracker:
         if flags & _BLIND:
             s[c.SEEN] = 0
             return
-        s[c.FITS] = not flags & decode.MISFIT or flags & TWO_FIT == TWO_FIT
+        s[c.FITS] = not flags & decode.MISFIT or flags & _FITS == _FITS
         if s[c.FITS]:
             s[c.FORCE_MN] = force_mN
             if s[c.STUCK_T] and s[c.STATE] and self._rests():

@@ -3,7 +3,7 @@
 Without a touch all values are 0, like a centred stick. Integers only; allocates nothing.
 """
 
-from ..fingers.tracker import DOUBTFUL, TWO_FIT
+from ..fingers.tracker import DOUBTFUL
 from ..reading import decode
 
 _BITS = 22  # most bits of a length: with 8 more bits it still fits a small integer
@@ -34,11 +34,11 @@ class GamepadAxes:
         """Process a reading; during a touch, an untrusted reading changes nothing.
 
         Any bit of `tracker.DOUBTFUL` marks the reading as untrusted, unless these bits are exactly
-        `tracker.TWO_FIT`.
+        `decode.FITS_WITH_DRIFT`.
         """
         if not flags & decode.TOUCHING:
             self._sink.update(0, 0, 0, 0)
-        elif not flags & DOUBTFUL or flags & DOUBTFUL == TWO_FIT:
+        elif not flags & DOUBTFUL or flags & DOUBTFUL == decode.FITS_WITH_DRIFT:
             self._sink.update(self._x(position_um), 0, self._z(force_mN), 1)
 
     def release(self):

@@ -24,15 +24,7 @@ _LN2_Q13 = 5678  # ln 2 in Q13: from log2 to a share
 
 
 class Ambient:
-    """Moves the dark frame of a strip while the ambient light changes. Allocates nothing.
-
-    Parameters
-    ----------
-    dark : dark.Dark
-        The dark frame.
-    baseline : dark.Baseline
-        Its `update` is called after a change of the dark frame.
-    """
+    """Moves the dark frame of a strip while the ambient light changes. Allocates nothing."""
 
     # The methods need at most 11 words for locals and arguments, see strip.py.
 

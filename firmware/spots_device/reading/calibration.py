@@ -15,55 +15,26 @@ Conditions = namedtuple("Conditions", ("board", "plan", "gain", "exposure_us", "
 
 
 class Calibration:
-    """A validated calibration, parsed for one strain.
+    """A validated calibration, parsed for one strain, from lines as in calibration_lines.py.
 
-    Parameters
-    ----------
-    lines : iterable of str
-        Text lines such as ``made 9 9999 20``; calibration_lines.py describes all statements.
-    strain_ppm : int
-        Strain of the strip in ppm. Between two calibrated strains the tables are interpolated
-        linearly.
-
-    Raises
-    ------
-    calibration_lines.CalibrationError
-        If a statement is missing, unknown or out of range, or if `strain_ppm` is out of range.
-
-    Attributes
-    ----------
-    conditions : Conditions
-        Board and settings with which the calibration was made.
-    relative_force : bool
-        Whether forces have no unit: 3000 then means the mean light of the calibration's presses,
-        and 6000 twice that light.
-    presser : str or None
-        What the tables are for: ``finger`` or ``indenter``; ``no_finger`` if an indenter
-        calibrated a strip that a finger will press; None if it is unknown.
-    baseline : tuple of int
-        Light of the untouched strip without the dark frame: six sums of counts over
-        `decode.DARK_SAMPLES` samples, with the settings of `conditions`; empty if it is unknown.
-    compensation : silicone.Compensation or None
-        Corrects the force for hysteresis and creep; None if these were not calibrated.
-    thermal : thermal.Thermal or None
-        Shifts `tables` with the temperature; None without re-zeros at different temperatures.
-    cross : tuple of three int, or None
-        Cross-sensitivity of the strip, for two fingers: change of the correction of positions, in
-        um, from the weakest to the strongest calibrated light, at both ends of the strip; and this
-        light as brightness, Q20 of log2.
-    tables : array of int
-        All weights and tables, see `decode.SEGMENTS`. The attributes `brightnesses`, `forces_mN`
-        and `tolerances`, the columns of the force table, are views of this array.
-    drift_max : int
-        Keys work until the misfit has shifted by this much since the calibration. The misfit shows
-        how far a spectrum is from that of a single press, in log2 units, Q12. A drift of the LED
-        that shifts the misfit by this much shifts positions by 3 to 4 % of the strip's length.
-    decay : int
-        Decay of the light by the dye in log2 units per um, times 2**24. This integer is limited to
-        1000.
+    Between two calibrated strains the tables are interpolated linearly. Lines or a strain that are
+    invalid raise a `calibration_lines.CalibrationError`.
     """
 
     def __init__(self, lines, strain_ppm=0):
+        # `fill` sets, besides other attributes:
+        # - relative_force: forces have no unit: 3000 then means the mean light of the calibration's
+        #   presses, and 6000 twice that light.
+        # - presser: what the tables are for: ``finger`` or ``indenter``; ``no_finger`` if an
+        #   indenter calibrated a strip that a finger will press; None if it is unknown.
+        # - baseline: light of the untouched strip without the dark frame: six sums of counts over
+        #   `decode.DARK_SAMPLES` samples, with the settings of `conditions`; empty if unknown.
+        # - compensation, thermal: of silicone.py and thermal.py, or None.
+        # - tables, see `decode.SEGMENTS`. Views of it are the columns of the force table:
+        #   brightnesses, forces_mN and tolerances.
+        # - drift_max: shift of the misfit since the calibration up to which keys work, Q12 of log2.
+        #   A drift of the LED with this shift moves positions by 3 to 4 % of the strip's length.
+        # - decay: of the light by the dye in log2 units per um, times 2**24; at most 1000.
         from . import calibration_lines
 
         try:
@@ -73,7 +44,12 @@ class Calibration:
         self.find_cross()
 
     def find_cross(self):
-        """Set `cross` by the tables. It is stored, so that its users allocate nothing."""
+        """Set `cross` by the tables. It is stored, so that its users allocate nothing.
+
+        It is None, or the cross-sensitivity of the strip, for two fingers: change of the correction
+        of positions, in um, from the weakest to the strongest calibrated light, at both ends of the
+        strip; and this light as brightness, Q20 of log2.
+        """
         tables = self.tables
         self.cross = None
         if not tables[CROSS]:
@@ -91,17 +67,9 @@ class Calibration:
         )
 
     def mismatch(self, conditions):
-        """Return why this calibration cannot be used for readings under `conditions`, or None.
+        """Return why these `Conditions` of readings do not fit (sentence), or None.
 
-        Parameters
-        ----------
-        conditions : Conditions
-            Board and settings of the readings. Any exposure is valid, see `rescale`.
-
-        Returns
-        -------
-        str or None
-            Sentence for the user; None if the calibration can be used.
+        Any exposure is valid, see `rescale`.
         """
         made = self.conditions
         if conditions.board != made.board:
@@ -123,11 +91,6 @@ class CalibrationSlot:
 
     Parsing takes 0.2 s and produces tens of kilobytes of garbage on an RP2040. So the lines are
     parsed again only for another strain or exposure, not each time a lost sensor is found again.
-
-    Attributes
-    ----------
-    lines : list of str
-        Lines of the calibration; empty without a calibration.
     """
 
     def __init__(self):
@@ -144,22 +107,10 @@ class CalibrationSlot:
         self._key = parsed and (0, parsed.conditions.exposure_us)
 
     def choose(self, conditions, strain_ppm):
-        """Return the stored calibration, parsed for a strain, if it is valid for the readings.
+        """Return the calibration for readings of these `Conditions`, and why there is none.
 
-        Parameters
-        ----------
-        conditions : Conditions
-            Board and settings of the readings.
-        strain_ppm : int
-            Strain of the strip in ppm.
-
-        Returns
-        -------
-        calibration : Calibration or None
-            None if the stored calibration cannot be used, or no calibration is stored.
-        why_not : str or None
-            Sentence that says why the stored calibration cannot be used. None if it is used, or if
-            no calibration is stored.
+        The second one is a sentence. One is None if there is the other, and both are None if no
+        calibration is stored.
         """
         if not self.lines:
             return None, None

@@ -86,12 +86,7 @@ class CalibrationError(ValueError):
 def fill(made, lines, strain_ppm):
     """Set the attributes of a `calibration.Calibration`; return the values of its `conditions`.
 
-    Parameters
-    ----------
-    made : calibration.Calibration
-        Gets the attributes.
-    lines, strain_ppm
-        See `calibration.Calibration`, also for the error.
+    See there for the other arguments and the error.
     """
     # Parsing leaves only small free pieces of a board's memory, so `tables` is allocated first.
     room = _room(lines)
@@ -175,20 +170,10 @@ def _room(lines):
 def pack(weights, bounds, segments, tables, forces, room=()):
     """Return weights and tables of a calibration as one array, see `decode.SEGMENTS`.
 
-    Parameters
-    ----------
-    weights : sequence of int
-        Six weights for the contrast that selects a segment, and six for the misfit.
-    bounds : sequence of int
-        Contrast at which each segment begins.
-    segments : sequence of sequence of int
-        Twelve weights for each segment.
-    tables : sequence of sequence of sequence of int
-        Knots of each segment; a knot has four values, or six with the cross-sensitivity.
-    forces : sequence of sequence of int
-        Knots of the table of forces; a knot has three values, or four with the cross-sensitivity.
-    room : array of int
-        Array that is filled and returned if it is long enough; else a new array is allocated.
+    The weights are six for the contrast that selects a segment, and six for the misfit; then twelve
+    for each segment, which begins at the contrast in `bounds`. A knot of a segment's table has four
+    values, or six with the cross-sensitivity; a knot of the forces three, or four. The array `room`
+    is filled and returned if it is long enough; else a new one is allocated.
     """
     ends = BOUNDS + 2 * len(bounds)
     cross = len(forces[0]) - _MANY["f"]
@@ -283,14 +268,9 @@ def _weights(name, weights, total):
 
 
 def check_table(name, knots):
-    """Raise CalibrationError if the knots (sequences of int) of a table are invalid.
+    """Raise CalibrationError, with the lines' name, if the knots of a table are invalid.
 
-    Parameters
-    ----------
-    name : str
-        Name of their lines, for the error.
-    knots : sequence of sequence of int
-        The argument of each knot, then its values.
+    A knot is a sequence of int: its argument, then its values.
     """
     if not 2 <= len(knots) <= KNOTS_MAX:
         raise CalibrationError("'%s' needs 2 to %d knots" % (name, KNOTS_MAX))
@@ -344,19 +324,9 @@ def _check_strains(strains, segments):
 
 
 def _between(strains, strain_ppm):
-    """Interpolate a calibration linearly between two strains.
+    """Interpolate bounds of segments and tables of knots linearly between two calibrated strains.
 
-    Parameters
-    ----------
-    strains : sequence of tuple
-        For each calibrated strain: strain in ppm, bounds of the segments, tables of knots.
-    strain_ppm : int
-        Strain of the strip in ppm.
-
-    Returns
-    -------
-    bounds, tables
-        Bounds of the segments, and tables of knots, both at the strain `strain_ppm`.
+    Each of `strains` is a tuple: strain in ppm, bounds, tables.
     """
     last = len(strains) - 1
     if not 0 <= strain_ppm <= strains[last][0]:

@@ -76,51 +76,28 @@ class Dark:
 
     `kernel.process` decides when the next dark window begins: it counts the age of the dark frame
     and detects changes of the ambient light.
-
-    Parameters
-    ----------
-    state : array of int
-        State of the strip, see decode.py. It contains the mean dark counts, the age of the dark
-        frame, and whether a new window is wanted.
-
-    Attributes
-    ----------
-    mean : memoryview of int
-        Mean dark counts of the six channels, Q12; a part of `state`.
-    window : array of int
-        Sums of the present dark window, or of the last one, over its samples.
-    count : int
-        Samples in the mean, until its weight is constant.
-    changing : int
-        Dark samples until the ambient light counts as constant; 0 if it does.
     """
 
     def __init__(self, state):
         self.state = state
-        self.mean = memoryview(state)[d.DARK : d.DARK + CHANNELS]
-        self.window = array("i", bytes(4 * CHANNELS))
-        self.count = 0  # samples in the mean
+        self.mean = memoryview(state)[d.DARK : d.DARK + CHANNELS]  # counts, Q12
+        self.window = array("i", bytes(4 * CHANNELS))  # sums over the samples of the last window
+        self.count = 0  # samples in the mean, until its weight is constant
         self._taken = 0  # samples in the window
         self._least = self._most = 0  # sums of all channels in the window
         self._last = 0  # sum of all channels in the last single sample
         self._exposure_us = self._every = 0
-        self.changing = 0
+        self.changing = 0  # dark samples until the ambient light counts as constant
         self._left = 0  # samples until the LED is switched on again
         self._pool_wanted = False
         state[d.WANTED] = 1
         state[d.IDLE_MIN_US] = IDLE_US
 
     def schedule(self, exposure_us, dark_every):
-        """Set how often dark windows are taken.
+        """Take a dark sample every `dark_every` samples, even during a touch.
 
-        Parameters
-        ----------
-        exposure_us : int
-            Integration time in us; 0 if the LED cannot be switched, so that dark windows are taken
-            on request only.
-        dark_every : int
-            Number of samples between two dark samples; such dark samples are taken even during a
-            touch. With 0, windows of four samples are taken while the strip is not touched.
+        With 0, dark windows of four samples are taken while the strip is not touched. With an
+        `exposure_us` of 0 the LED cannot be switched: dark windows are taken on request only.
         """
         self.state[d.AGE_STEP_US] = self._exposure_us = exposure_us
         self._every = dark_every
@@ -160,13 +137,7 @@ class Dark:
         self.state[d.WANTED] = 1 if self.state[d.AGE_STEP_US] else 0
 
     def use(self, sums):
-        """Use a stored dark frame; return whether `sums` contains one.
-
-        Parameters
-        ----------
-        sums : sequence of int
-            Six sums as the method `sums` returns them; empty or False for no dark frame.
-        """
+        """Use six stored sums, as `sums` returns them; return False if there are none."""
         self.state[d.AGE_US] = 0
         for i in range(CHANNELS):
             self.mean[i] = sums[i] << _SUMS_SHIFT if sums else 0
@@ -281,33 +252,19 @@ class Dark:
 
 
 class Baseline:
-    """Tracks the baseline, which is the light of the untouched strip minus the dark frame.
-
-    Parameters
-    ----------
-    dark : Dark
-        The dark frame.
-
-    Attributes
-    ----------
-    floor : memoryview of int
-        Sum of dark frame and baseline, as six sums of counts; subtracted from each reading.
-    samples : int
-        Samples in each reading from which `floor` is subtracted; limits the scale of `floor`.
-    left : int
-        Lit samples that `after` still needs; 0 if it must not be called.
-    """
+    """Tracks the baseline, which is the light of the untouched strip minus the dark frame."""
 
     def __init__(self, dark):
         self._dark = dark
         self._state = dark.state
         view = memoryview(dark.state)
         self._level = view[d.BASELINE : d.BASELINE + CHANNELS]  # counts, Q12
+        # Sums of dark frame and baseline; subtracted from each reading of `samples` samples.
         self.floor = view[d.FLOOR : d.FLOOR + CHANNELS]
         self._stick = view[d.STICK : d.STICK + CHANNELS]
         self._state[d.SHIFT] = _Q
         self.samples = 0
-        self.left = 0
+        self.left = 0  # lit samples that `after` still needs; with 0 it must not be called
         # All sums are over four samples, as those of a dark window.
         self._before = array("i", bytes(4 * CHANNELS))
         self._after = array("i", bytes(4 * CHANNELS))
@@ -393,12 +350,7 @@ class Baseline:
     def after(self, counts, complete):
         """Add a lit sample after a dark window; return whether no further sample is needed.
 
-        Parameters
-        ----------
-        counts : sequence of int
-            Six counts.
-        complete : bool
-            Whether the sample has completed a reading; only its flags show a touch.
+        `complete` means that the sample has completed a reading; only its flags show a touch.
         """
         if complete and self._state[d.FLAGS] & (d.TOUCHING | d.SATURATED):
             self.left = 0
@@ -461,18 +413,9 @@ def _variance(total):
 
 
 def chi2(off, variance):
-    """Return ``off**2 / variance``, Q4, limited; `off` is Q8. The sum of a few fits 31 bits.
+    """Return ``off**2 / variance``, Q4, limited: the sum of a few fits 31 bits.
 
-    Parameters
-    ----------
-    off : int
-        Difference of counts, Q8.
-    variance : int
-        Its variance in counts**2; at least 1.
-
-    Returns
-    -------
-    int
+    `off` is a difference of counts, Q8; its variance in counts**2 is at least 1.
     """
     off = abs(off)
     if off < 1 << 14:

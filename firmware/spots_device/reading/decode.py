@@ -30,6 +30,9 @@ MISFIT = 1 << MISFIT_BIT
 DROPPED = 1 << 5
 NOT_CALIBRATED = 1 << 6
 LED_OFF = 1 << 7
+# An untrusted reading that is good enough for a key: it fits one press after subtraction of the
+# drift, so the strip has drifted, or there are two fingers. All eight bits are in use.
+FITS_WITH_DRIFT = MISFIT | TOO_DARK
 
 # Indices of the array `tables` of a calibration. After `BOUNDS`, two elements for each segment: the
 # coarse contrast at which the segment begins (Q20), and the index of its twelve weights; the
@@ -179,13 +182,15 @@ GAP = 4  # the flag `DROPPED` if frames are missing before this frame
 LESS_US = 5  # us by which the time is earlier than `frame.Time32.last`
 HEAD_SIZE = 6
 
-# Indices of the list `work` of a strip, see `kernel.process`.
-STATE = 0
-TABLES = 1
-COUNTS = 2
-HEAD = 3
+# Indices of the list `work` of a strip: what `kernel.process` reads and changes.
+STATE = 0  # state of the strip
+TABLES = 1  # tables of the calibration; 0 segments mean that there is none
+COUNTS = 2  # six counts of the sample
+HEAD = 3  # this, and the next two: as for `kernel.frame`
 PAYLOAD = 4
 ENCODED = 5
+# None, or a function without arguments for a complete reading: it may change the reading before the
+# frame is encoded, and returns whether two fingers may have caused it.
 USE = 6
 WORK_SIZE = 7
 
@@ -201,19 +206,10 @@ _NO_TABLES = array("i", bytes(4))
 
 
 class Decode:
-    """Inputs and results of `kernel.estimate` for one strip.
-
-    Attributes
-    ----------
-    state : array of int
-        Settings, sums and estimates of the strip, at the indices that this module defines; first
-        the fields of the TOUCH frame.
-    tables : array of int
-        The tables of the calibration.
-    """
+    """Inputs and results of `kernel.estimate` for one strip."""
 
     def __init__(self):
-        self.state = array("i", bytes(4 * STATE_SIZE))
+        self.state = array("i", bytes(4 * STATE_SIZE))  # first the fields of the TOUCH frame
         self.state[FLAGS] = NOT_CALIBRATED
         self.state[FADE] = FADE_START
         self.calibration = None

@@ -40,24 +40,14 @@ _CONTACT = const(10)
 class Time32:
     """Board time in us modulo 2**32, stored as two halves of 16 bits in the header of frames.
 
-    Parameters
-    ----------
-    clock : object
-        ``ticks_us`` and ``ticks_diff``. `set` or `update` must be called at least every 2**28 us.
-
-    Attributes
-    ----------
-    head : array of int
-        Header of the next frame, see `decode.KIND`.
-    last : int
-        Ticks of the clock at the time in `head` plus ``head[LESS_US]`` us.
+    `set` or `update` must be called at least every 2**28 us.
     """
 
     def __init__(self, clock):
         self._ticks_us = clock.ticks_us
         self._diff = clock.ticks_diff
-        self.last = clock.ticks_us()
-        self.head = array("i", bytes(4 * d.HEAD_SIZE))
+        self.last = clock.ticks_us()  # at the time in `head` plus its `LESS_US`
+        self.head = array("i", bytes(4 * d.HEAD_SIZE))  # header of the next frame, `decode.KIND`
 
     def set(self, ticks):
         """Set the time to `ticks`; the new time may be earlier than the present one."""
@@ -82,33 +72,16 @@ class Time32:
 
 
 class Framer:
-    """Encodes and numbers frames, and sends them to a serial port.
-
-    Parameters
-    ----------
-    serial : object
-        ``write(buffer, size) -> bool``: True if the bytes were sent, False if they were dropped.
-    time : Time32
-        Board time for the header of each frame.
-
-    Attributes
-    ----------
-    payload : bytearray
-        Header and body of a frame.
-    encoded : memoryview
-        The encoded frame.
-    dropped : int
-        Number of frames that were not sent.
-    """
+    """Encodes and numbers frames, and sends them to a serial port."""
 
     def __init__(self, serial, time):
-        self._write = serial.write
+        self._write = serial.write  # returns False if it has dropped the bytes
         self._head = time.head
         self.payload = bytearray(d.HEADER_SIZE + TEXT_MAX + d.CRC_SIZE)
         # A delimiter, and the encoded frame.
         self._delimited = memoryview(bytearray(len(self.payload) + 7))
         self.encoded = self._delimited[1:]
-        self.dropped = 0
+        self.dropped = 0  # frames that were not sent
 
     def spectrum(self, sensor, flags, gain, counts, taken_off):
         """Send a SPECTRUM frame; return whether it was sent.

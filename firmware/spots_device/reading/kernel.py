@@ -27,27 +27,13 @@ _TOUCH_COPY = "%ds" % _TOUCH
 def process(work, flags):
     """Process a sample: add it to the reading, estimate the reading, and encode its TOUCH frame.
 
-    After this call, the element `TAKEN` of the strip's state is 0 if the reading is complete, and
-    `DUE` is 1 if a dark window must begin.
+    `work` is a list at the indices that `decode` defines, see `decode.WORK_SIZE`. `flags` are flag
+    bits of the sample, as for `estimate`. Returns the length of the encoded frame in bytes; 0 if
+    there is no frame. After the call, the element `TAKEN` of the strip's state is 0 if the reading
+    is complete, and `DUE` is 1 if a dark window must begin.
 
-    Parameters
-    ----------
-    work : list
-        What the function reads and changes, at the indices that `decode` defines. `STATE`: the
-        state of the strip. `TABLES`: the tables of the calibration, as for `estimate`. `COUNTS`:
-        the six counts of the sample. `HEAD`, `PAYLOAD` and `ENCODED`: as for `frame`. `USE`: a
-        function without arguments, or None. It is called for a complete reading before its frame is
-        encoded, and may change the reading. It returns whether two fingers may have caused the
-        reading.
-    flags : int
-        Flag bits of the sample, as for `estimate`. The time of the header plus its `LESS_US` must
-        be the end of the sample. If the reading is complete, the time of the header is set to the
-        middle of the reading.
-
-    Returns
-    -------
-    int
-        Length of the encoded frame in bytes; 0 if there is no frame.
+    The time of the header plus its `LESS_US` must be the end of the sample. If the reading is
+    complete, the time of the header is set to the middle of the reading.
     """
     state = work[d.STATE]
     if not _add(state, work[d.COUNTS], flags):
@@ -168,19 +154,11 @@ def _expect(state):
 def estimate(state, tables, flags):
     """Estimate flags, contrast, brightness, position and force of a reading.
 
-    Parameters
-    ----------
-    state : sequence of int
-        Settings and sums (input) and estimates (output) at the indices that decode.py defines.
-        The six sums at `SUMS` are over ``state[SAMPLES]`` samples; those at `FLOOR`, of dark frame
-        and baseline, are over ``state[FLOOR_SAMPLES]`` samples and subtracted after scaling.
-        ``sums * state[FLOOR_SAMPLES]`` and ``floor * state[SAMPLES]`` must be at most 2**24, the
-        limit of `log2.log2_q20`.
-    tables : sequence of int
-        Tables of the calibration, see `decode.SEGMENTS`; 0 segments mean that there is no
-        calibration.
-    flags : int
-        Flag bits that apply to the sums: `decode.SATURATED`, `decode.DARK_SUBTRACTED`, `LED_OFF`.
+    `flags` are those that apply to the sums: `decode.SATURATED`, `DARK_SUBTRACTED`, `LED_OFF`. The
+    six sums at `SUMS` are over ``state[SAMPLES]`` samples; those at `FLOOR`, of dark frame and
+    baseline, are over ``state[FLOOR_SAMPLES]`` samples and subtracted after scaling. ``sums *
+    state[FLOOR_SAMPLES]`` and ``floor * state[SAMPLES]`` must be at most 2**24, the limit of
+    `log2.log2_q20`.
     """
     touching = state[d.TOUCHED]
     state[d.CONTRAST] = state[d.BRIGHTNESS] = state[d.POSITION_UM] = state[d.FORCE_MN] = 0
@@ -199,7 +177,7 @@ def estimate(state, tables, flags):
             return
         flags |= d.TOO_DARK
     elif tables[d.SEGMENTS]:
-        flags |= _judge(state, touching) if _locate(state, tables) else d.TOO_DARK
+        flags |= _touch_flags(state, touching) if _locate(state, tables) else d.TOO_DARK
     state[d.TOUCHED] = flags & d.TOUCHING
     if flags & d.TOUCHING:
         _follow_touch(state, touching)
@@ -337,7 +315,7 @@ def _cross(tables, state):
     state[d.POSITION_UM] = at
 
 
-def _judge(state, touching):
+def _touch_flags(state, touching):
     # Return the flags of a reading whose position is known.
     tolerance = state[d.TOLERANCE_Q12]
     off = _off(state)
@@ -347,7 +325,7 @@ def _judge(state, touching):
     if abs(state[d.MISFIT_Q12]) > tolerance:
         flags = d.MISFIT
         # A reading that fits one press after subtraction of the drift is untrusted, but good enough
-        # for a key, see tracker.TWO_FIT.
+        # for a key, see decode.FITS_WITH_DRIFT.
         if off <= tolerance:
             flags |= d.TOO_DARK
         elif off > d.ALIEN * tolerance:
@@ -380,7 +358,7 @@ def _judge(state, touching):
     if state[d.LEARNS] and force_mN >> 2 >= state[d.TOUCH_ON_MN]:
         state[d.LEARNS] -= 1
         if not state[d.LEARNS] and abs(confirm(state)) < off:
-            return _judge(state, d.TOUCHING)  # with the new drift
+            return _touch_flags(state, d.TOUCHING)  # with the new drift
     if not touching or state[d.BRIGHTNESS] >= state[d.PEAK] - d.LEFT:
         state[d.FAINT] = 0
     elif state[d.FAINT]:
@@ -434,21 +412,12 @@ def _dots(tables, first, state):
 
 
 def look_up(tables, place, at, state, columns):
-    """Interpolate the columns of a table linearly; beyond its ends, the end values apply.
+    """Interpolate the columns of a table at `at`; beyond its ends, the end values apply.
 
-    Parameters
-    ----------
-    tables : sequence of int
-        Array that contains the table.
-    place : int
-        Index in `tables` at which the table begins: the number n of its knots, then the n
-        ascending arguments of the knots, then n values for each column.
-    at : int
-        Argument at which to interpolate.
-    state : sequence of int
-        Output: one rounded value for each column, from index `FOUND` on.
-    columns : int
-        Number of columns without those of the cross-sensitivity: 3 for positions, 2 for forces.
+    At the index `place` of `tables` is the number n of knots, then their n ascending arguments,
+    then n values for each column. `columns` does not count those of the cross-sensitivity: 3 for
+    positions, 2 for forces. The state gets one rounded value for each column, from the index
+    `FOUND` on.
     """
     size = tables[place]
     low = place + 1
@@ -550,22 +519,15 @@ def _put_header(head, payload):
 
 
 def frame(head, payload, size, encoded):
-    """Add header and CRC to a payload, and encode it with COBS; return the encoded length in bytes.
+    """Add header and CRC to a payload, and encode it with COBS; return the encoded length.
+
+    The payload has the body after `HEADER_SIZE` bytes, and room for `CRC_SIZE` bytes after its
+    `size` bytes of header and body. The sequence number in `head` (see `decode.KIND`) is increased
+    by 1.
 
     The delimiter of frames is a zero byte. An encoded frame must not fill its last USB packet of 64
     bytes exactly, because USB CDC then stalls. Such a frame gets a second delimiter; the host skips
     the empty frame between the two.
-
-    Parameters
-    ----------
-    head : sequence of int
-        Header, see `decode.KIND`. Its sequence number is increased by 1.
-    payload : bytearray
-        Contains the body after `HEADER_SIZE` bytes, and has room for `CRC_SIZE` bytes after it.
-    size : int
-        Number of bytes of header and body.
-    encoded : bytearray
-        Output: the encoded frame and its delimiters.
     """
     _put_header(head, payload)
     add_crc(payload, size)

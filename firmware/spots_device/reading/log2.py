@@ -46,19 +46,9 @@ del _table  # frees memory on a board
 
 
 def log2_q20(n):
-    """Return log2(n) in Q20.
+    """Return log2(n) in Q20, with an error of at most one unit; 24.0 for n above 2**24.
 
-    Allocates nothing; every intermediate result fits 31 bits.
-
-    Parameters
-    ----------
-    n : int
-        1 to 2**24. For larger values the result is 24.0.
-
-    Returns
-    -------
-    int
-        log2(n) * 2**20, with an error of at most 1 (one unit of Q20).
+    The least n is 1. Allocates nothing; every intermediate result fits 31 bits.
     """
     if n >= LIMIT:
         return 24 << Q

@@ -128,7 +128,7 @@ def learn(state):
             state[d.FRESH] = 0
         elif not state[d.DOUBT]:
             off = min(off + (tolerance >> 2), 0)  # two fingers only raise the misfit
-            _follow(state, off, tolerance)
+            _follow_drift(state, off, tolerance)
             return
         state[d.SEEN] = d.NONE  # two fingers: what is seen next is no confirmation
         return
@@ -136,7 +136,7 @@ def learn(state):
     state[d.SEEN] = off
     if abs(off) <= tolerance:
         # A few of a hundred touches of two fingers look like this, too.
-        _follow(state, off if agrees or not state[d.DOUBT] else off >> 1, tolerance)
+        _follow_drift(state, off if agrees or not state[d.DOUBT] else off >> 1, tolerance)
     elif agrees:
         _jump(state, off)
 
@@ -167,7 +167,7 @@ def _jump(state, off):
     state[d.DOUBT] = 0
 
 
-def _follow(state, off, tolerance):
+def _follow_drift(state, off, tolerance):
     # Normalised least mean squares; noisier touches count less.
     tolerance = min(tolerance, _LARGE) + 16
     off = min(max(off, -_LARGE), _LARGE)

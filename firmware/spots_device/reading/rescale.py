@@ -11,15 +11,7 @@ from .log2 import log2_q20
 
 
 def rescale(calibration, exposure_us):
-    """Convert the tables of a calibration to another exposure.
-
-    Parameters
-    ----------
-    calibration : calibration.Calibration
-        Calibration to change in place.
-    exposure_us : int
-        Exposure of the readings, in us.
-    """
+    """Convert the tables of a calibration in place to another exposure."""
     made_us = calibration.conditions.exposure_us
     forces_mN = calibration.forces_mN
     brightnesses = calibration.brightnesses

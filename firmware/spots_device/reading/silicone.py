@@ -30,17 +30,10 @@ _LONGEST_T = const(1 << 14)
 class Compensation:
     """Corrects the force of one finger for hysteresis and creep of the silicone.
 
-    Parameters
-    ----------
-    values : sequence of int, length 13
-        Factor of the force (Q12); half widths of three play operators in mN, their three weights
-        (Q12); time constants of three parts of the creep in ms, their three shares of the force
-        (Q12).
-
-    Raises
-    ------
-    ValueError
-        If a value is out of range.
+    The 13 integers in `values` are those of the line ``silicone``: factor of the force (Q12); half
+    widths of three play operators in mN, their three weights (Q12); time constants of three parts
+    of the creep in ms, their three shares of the force (Q12). Out of range, they raise a
+    ValueError.
     """
 
     def __init__(self, values):
@@ -57,15 +50,7 @@ class Compensation:
         self._t = self._x_um = self._force = 0
 
     def take(self, reading, t):
-        """Correct the force of a reading.
-
-        Parameters
-        ----------
-        reading : array of int
-            The reading, as in `decode.Decode.state`; its force is corrected in place.
-        t : int
-            Time in ticks of 1.024 ms, see `tracker.TICK_US`.
-        """
+        """Correct the force of a reading in place; `t` is in ticks, see `tracker.TICK_US`."""
         self._follow_time(t)
         if reading[d.FLAGS] & d.LED_OFF:
             return

@@ -17,14 +17,8 @@ from . import decode as d
 def unstick(state, flags, lasted_us):
     """Update the light that sticks (`decode.STICK`), and the floor, after a reading.
 
-    Parameters
-    ----------
-    state : array of int
-        State of the strip, see decode.py. Changes `LOGS`, too.
-    flags : int
-        Flags of the reading, of which neither `LED_OFF` nor `NOT_CALIBRATED` is set.
-    lasted_us : int
-        Duration of the reading in us.
+    The reading lasted `lasted_us`. In its flags neither `LED_OFF` nor `NOT_CALIBRATED` is set.
+    Changes `LOGS`, too.
     """
     was_used = state[d.STUCK] >= d.STUCK_LEAST
     steps = min(lasted_us >> 6, d.STEPS_MAX)

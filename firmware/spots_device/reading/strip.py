@@ -28,44 +28,13 @@ _UNUSED = const(-1)  # in place of the flags of a sample: it is not part of a re
 
 
 class Strip:
-    """Reads, decodes and sends the samples of one sensor.
-
-    Parameters
-    ----------
-    index : int
-        Number of the sensor in the frames.
-    uid : str
-        Unique id of the board.
-    sensor : as7341.AS7341
-        The sensor.
-    framer : frame.Framer
-        Sends the frames.
-    time : frame.Time32
-        Board time. Before each frame it is set to the middle of the reading.
-    clock : object
-        ``ticks_add`` as in MicroPython's ``time``.
-    settings : settings.BoardSettings
-        Settings of the board; read by `start` and `configure`.
-    outputs : outputs.Outputs
-        Receives every reading.
-
-    Attributes
-    ----------
-    conditions : calibration.Conditions or None
-        Board and settings of the readings; None before the first start.
-    lit_flags : int
-        Flags of a sample with the LED on: `decode.DARK_SUBTRACTED`, or 0 if no dark frame is
-        subtracted, because the LED is always on and no dark frame is stored.
-    baseline : dark.Baseline
-        Tracks the light without a touch. Its `floor` (dark frame plus baseline, one sum of counts
-        per channel) is subtracted from each reading.
-    """
+    """Reads, decodes and sends the samples of one sensor."""
 
     def __init__(self, index, uid, sensor, framer, time, clock, settings, outputs):
         self.index = index
         self.sensor = sensor
         self.settings = settings
-        self.conditions = None
+        self.conditions = None  # `calibration.Conditions` of the readings, from the first start on
         self.decode = Decode()
         self._reading = state = self.decode.state
         self._sums = memoryview(state)[d.SUMS : d.SUMS + CHANNELS]
@@ -79,7 +48,7 @@ class Strip:
         self._framer = framer
         self._send = framer.send
         self._outputs = outputs
-        self._use_reading = self._use  # binding a method allocates
+        self._use_reading = self._use_reading  # binding a method allocates
         self._time = time
         self._head = time.head
         self._work = work = [None] * d.WORK_SIZE
@@ -99,6 +68,8 @@ class Strip:
         self._taken_off = array("i", bytes(4 * TAKEN_OFF_SIZE))
         self._taken_off[TEMPERATURE_MC] = UNKNOWN_MC
         self._state = _UNKNOWN
+        # Flags of a sample with the LED on: `DARK_SUBTRACTED`, or 0 if the LED is always on and no
+        # dark frame is stored.
         self.lit_flags = 0
 
     @property
@@ -114,12 +85,8 @@ class Strip:
         """Start the sensor with the present settings; begin with a dark frame if possible.
 
         It is not possible if the LED is always on. Then a dark frame stored for these settings is
-        used, if there is one.
-
-        Raises
-        ------
-        as7341.SensorError, OSError
-            If the sensor does not answer, see `as7341.AS7341.start`.
+        used, if there is one. A sensor that does not answer raises an error, see
+        `as7341.AS7341.start`.
         """
         s = self.settings.values
         self._begin(s["gain"], s["led_mA"], s["exposure_us"])
@@ -163,7 +130,7 @@ class Strip:
             self._dark.schedule(0, 0)
         else:
             self._dark.schedule(self.sensor.exposure_us, values["dark_every"])
-        self._choose()
+        self._plan_take()
 
     def streams(self):
         """Return the kinds of frames that are streamed now, as list of str; see `stream`."""
@@ -179,24 +146,21 @@ class Strip:
     def stream(self, names):
         """Stream only the kinds of frames in `names`: ``touch``, ``spectrum``, ``contact``.
 
-        Returns
-        -------
-        str or None
-            Sentence that says why there will be no CONTACT frames. None if there is no such reason.
+        Returns why there will be no CONTACT frames (sentence), or None.
         """
         self.stream_touch = "touch" in names
         self.stream_spectrum = "spectrum" in names
         if self.stream_spectrum and self._taken_off[TEMPERATURE_MC] == UNKNOWN_MC:
             self._warm()
         why_not = self._outputs.stream_contacts("contact" in names, self.decode.calibration)
-        self._choose()
+        self._plan_take()
         return why_not
 
     def request_dark(self, done):
         """Request a dark frame; ``done()`` is called when the dark frame is complete."""
         self._dark.request_pool()
         self._on_dark = done
-        self._choose()
+        self._plan_take()
 
     def request_search(self, done):
         """Search for gain, LED current and exposure; then call ``done(outcome)``.
@@ -210,7 +174,7 @@ class Strip:
         self._search = Search(s["gain"], s["led_mA"], s["exposure_us"], led_max_mA)
         self._on_search = done
         self._dark.request()
-        self._choose()
+        self._plan_take()
 
     def request_tare(self):
         """Use the next reading as the baseline."""
@@ -231,7 +195,7 @@ class Strip:
     def forget_requests(self):
         """Cancel the requested dark frame and the requested search for settings."""
         self._search = self._on_search = self._on_dark = None
-        self._choose()
+        self._plan_take()
 
     # Processing of a sample.
 
@@ -246,7 +210,7 @@ class Strip:
             self._mark_gap()
         flags = self._lit
         if self._rare or not sensor.steady:
-            flags = self._judge(sensor)
+            flags = self._sample_flags(sensor)
             if flags == _UNUSED:
                 return
         elif sensor.saturated:
@@ -265,8 +229,8 @@ class Strip:
         self._missed = self._pacing.missed
         self._reading[d.MISSING] = d.DROPPED
 
-    def _choose(self):
-        # Choose what `take` does with a sample.
+    def _plan_take(self):
+        # What `take` does with the next samples.
         decode = self.decode
         self._work[d.TABLES] = decode.tables
         used = self._outputs.active or decode.compensation or self.stream_spectrum
@@ -281,12 +245,12 @@ class Strip:
             or self._dark.changing
         )
 
-    def _judge(self, sensor):
+    def _sample_flags(self, sensor):
         # Return the flags of a sample that is not simply lit, or `_UNUSED`.
         state = self._state
         if state == _RISING and sensor.steady:
             self._state = state = _LIT
-            self._choose()
+            self._plan_take()
         if state == _UNKNOWN or (state == _LIT and sensor.steady and self._search is not None):
             if state == _LIT:
                 self._search_on(sensor)
@@ -299,7 +263,7 @@ class Strip:
             return _UNUSED
         return self._lit | (d.SATURATED if sensor.saturated else 0)
 
-    def _use(self):
+    def _use_reading(self):
         # Pass a reading to compensation, keys and gamepad, for `kernel.process`; return whether two
         # fingers may have caused it.
         if self.stream_spectrum:
@@ -327,7 +291,7 @@ class Strip:
                 self._end_blink(sensor)
             return
         if self._state == _LIT and (self._tare_wanted or self.baseline.left):
-            self._follow(sensor)
+            self._follow_baseline(sensor)
         if self._dark.changing and self._state == _LIT and not self._reading[d.TAKEN]:
             self._ambient.follow(self._work[d.TABLES])
             if self._dark.is_due():
@@ -337,16 +301,16 @@ class Strip:
         elif self._mains_hz:
             self._correct_drift(sensor)
 
-    def _follow(self, sensor):
+    def _follow_baseline(self, sensor):
         # The baseline needs this lit sample.
         complete = not self._reading[d.TAKEN]
         if not self._tare_wanted:
             if self.baseline.after(sensor.counts, complete):
-                self._choose()
+                self._plan_take()
         elif complete:
             self._tare_wanted = False
             self.baseline.take()
-            self._choose()
+            self._plan_take()
 
     def _send_spectrum(self):
         state = self._reading
@@ -392,7 +356,7 @@ class Strip:
                 self.lit_flags = 0
         self.baseline.update()
         self._reading[d.TAKEN] = self._reading[d.PENDING] = 0
-        self._choose()
+        self._plan_take()
 
     def _correct_drift(self, sensor):
         if (

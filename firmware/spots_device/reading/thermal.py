@@ -12,15 +12,9 @@ _Q = const(10)
 class Thermal:
     """Shifts tables in place. `follow` allocates nothing.
 
-    Parameters
-    ----------
-    tables : array of int
-        Tables of a calibration, see `decode.SEGMENTS`.
-    range_mC : sequence of int
-        Temperature to which `tables` belong, lowest and highest temperature, in units of 0.001
-        degrees Celsius.
-    change : array of int
-        Change of the first elements of `tables` between these two, below 2**20.
+    `range_mC` has the temperature to which `tables` belong, the lowest and the highest one, in
+    units of 0.001 degrees Celsius. `change` is the change of the first elements of `tables` between
+    these two, below 2**20.
     """
 
     def __init__(self, tables, range_mC, change):

@@ -22,23 +22,9 @@ _MARKS_MAX = const(3)
 def thermal_of(tables, range_mC, marks, check):
     """Return a `thermal.Thermal`, after a check of the tables at both ends of its range.
 
-    Parameters
-    ----------
-    tables : array of int
-        Tables of a calibration, see `decode.SEGMENTS`.
-    range_mC : sequence of int
-        Temperature to which `tables` belong, lowest and highest temperature, in units of 0.001
-        degrees Celsius.
-    marks : sequence of sequence of int
-        For each mark its position in um, and six changes of log2 of the counts, Q20.
-
-    check : callable
-        `calibration_lines.check_table`.
-
-    Raises
-    ------
-    ValueError
-        If a value is invalid, or if the shifted tables would be.
+    `range_mC` is as there. Each of `marks` is a position in um, and six changes of log2 of the
+    counts, Q20. `check` is `calibration_lines.check_table`. Invalid values, and those that would
+    make the shifted tables invalid, raise a ValueError.
     """
     made, low, high = range_mC
     places = {mark[0] for mark in marks}

@@ -1,6 +1,5 @@
 """Explains to the user why all readings of a strip are untrusted, and what to do."""
 
-from spots_device.fingers.tracker import TWO_FIT
 from spots_device.reading import decode
 
 from ..link.frames import Touch
@@ -29,7 +28,7 @@ CAUSES = {
         "the board keeps measuring its dark frame; next: lift all fingers, and keep the ambient "
         "light steady"
     ),
-    TWO_FIT: _DRIFT,
+    decode.FITS_WITH_DRIFT: _DRIFT,
     decode.MISFIT: (
         "two fingers touch the strip, or the spectrum does not fit one press; next: lift all "
         "fingers and wipe the strip; if that changes nothing, a re-zero is advised: spots rezero"
@@ -70,8 +69,8 @@ class Untrusted:
 
         If `light_moves`, the ambient light changes, which is then the probable cause of a misfit.
         """
-        # Without a press, `TOO_DARK` is always set. It is cleared here, because `TWO_FIT`, which
-        # is `TOO_DARK` with `MISFIT`, has its meaning only during a press.
+        # Without a press, `TOO_DARK` is always set. It is cleared here, because it belongs to
+        # `FITS_WITH_DRIFT`, too, which has its meaning only during a press.
         known = touch.flags if touch.touching else touch.flags & ~decode.TOO_DARK
         flag = next((flag for flag in CAUSES if known & flag == flag), None)
         begins = touch.touching and not self._touching
@@ -88,7 +87,7 @@ class Untrusted:
         if self._last_s is not None:
             self._lasted_s += now_s - self._last_s
         self._last_s = now_s
-        self._misfit_press = touch.touching and flag in (TWO_FIT, decode.MISFIT)
+        self._misfit_press = touch.touching and flag in (decode.FITS_WITH_DRIFT, decode.MISFIT)
         self._presses += begins and self._misfit_press
         if self._lasted_s >= _UNTRUSTED_S:
             cause = CAUSES[flag]

@@ -10,7 +10,6 @@ import math
 from collections import deque
 from collections.abc import Sequence
 
-from spots_device.fingers.tracker import TWO_FIT
 from spots_device.reading import decode
 
 from ..advice.contact_finder import ContactFinder
@@ -237,10 +236,11 @@ class _Axis:
 def usable(touch: Touch) -> bool:
     """Return whether a reading is accurate enough for a controller.
 
-    Such a reading is trusted, or has both flags of `TWO_FIT`: the spectrum fits one press well
-    enough, although the strip has drifted or two fingers may touch. See docs/calibrate/drift.md.
+    Such a reading is trusted, or has both flags of `decode.FITS_WITH_DRIFT`: the spectrum fits one
+    press well enough, although the strip has drifted or two fingers may touch. See
+    docs/calibrate/drift.md.
     """
-    return touch.touching and touch.flags & DOUBTFUL in (0, TWO_FIT)
+    return touch.touching and touch.flags & DOUBTFUL in (0, decode.FITS_WITH_DRIFT)
 
 
 def axis_value(u: float, settings: PositionAxis | ForceAxis) -> int:
