@@ -68,9 +68,8 @@ EACH_SAMPLE = {
     "radio/peripheral": "work write flush read",
     "keys/gamepad": "take _x _z",
     "usb/gamepad": "update _send _put",
-    "board/interfaces": "pump _offer",
-    "board/outputs": "take pump usage has_room key _flush _send_keys _send_key _track "
-    "_follow_fingers",
+    "board/interfaces": "pump _offer usage scroll key has_room send _flush",
+    "board/outputs": "take pump _track",
 }
 
 

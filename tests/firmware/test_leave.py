@@ -6,6 +6,7 @@ import pytest
 from bench import canned
 
 from spots_device.board import app as app_module
+from spots_device.board.interfaces import KeyEvents
 
 A = 4
 KEYBOARD_PAGE = 7
@@ -83,10 +84,10 @@ def leave(tmp_path, monkeypatch, *at, error=KeyboardInterrupt):
     app_module.Store().save([("settings", ["keys=1"])])
     usb, interrupts = Usb(), Interrupts(*at)
     app, _, _, _ = canned.app((), usb=usb)
-    outputs = app.strips[0].outputs
+    events = KeyEvents(0, app.framer, app.interfaces, None)
     app.interrupt_at = interrupts.interrupt_at
-    outputs.usage(KEYBOARD_PAGE, A, 0, True)
-    outputs.key(KEYBOARD_PAGE, A, 0, True)
+    events.usage(KEYBOARD_PAGE, A, 0, True)
+    events.key(KEYBOARD_PAGE, A, 0, True)
     app.interfaces.pump()
     assert usb.got == [DOWN]
     usb.refusals = REFUSALS

@@ -1,5 +1,8 @@
 """The USB interfaces of a board, which all of its strips share; sends their reports to the host."""
 
+from array import array
+
+from .. import const
 from ..usb.usages import CONSUMER, KEYBOARD, MOUSE, SYSTEM
 
 # Name of each USB interface, the setting that enables it, and the kind of actions that need it.
@@ -10,38 +13,25 @@ INTERFACES = (
     ("mouse", "keys", MOUSE),
     ("gamepad", "gamepad", 0),
 )
+_EVENTS = const(16)  # key events that wait; `engine.Engine.release` causes 15 at most
 
 
 class Interfaces:
     """Opens the interfaces that the strips need, and offers their reports to the host.
 
-    Parameters
-    ----------
-    usb : object or None
-        USB stack. Its method ``open(names) -> dict`` opens interfaces of `INTERFACES` and returns
-        a function ``send(report) -> bool`` for each opened interface; on failure it raises OSError
-        with a sentence. `usb` is None on a board without USB HID.
-    time : frame.Time32
-        Board time.
-
-    Attributes
-    ----------
-    fault : str or None
-        Sentence that says why the interfaces could not be opened at start, or None.
-    merger : merge.Merger or None
-        State of the keyboard; None until a strip has keys.
-    by_name, by_kind : dict
-        Opened interfaces by name, and by the kind of actions that they press.
-    opened, pressing : tuple
-        Values of these dicts: iterating over a tuple allocates nothing.
+    `usb` is None on a board without USB HID. Else ``usb.open(names)`` opens interfaces of
+    `INTERFACES`, and returns a dict with a function ``send(report) -> bool`` for each opened one;
+    it raises an OSError with a sentence.
     """
 
     def __init__(self, usb, time):
         self._usb = usb
         self._time = time
-        self.fault = self.merger = None
+        self.fault = None  # why the interfaces could not be opened
+        self.merger = None  # state of the keyboard, from the first keys of a strip on
         self.by_name = {}
-        self.by_kind = {}
+        self.by_kind = {}  # by the kind of actions that they press
+        # The values of these two: iterating over a tuple allocates nothing.
         self.opened = self.pressing = ()
 
     def open(self, wanted):
@@ -73,14 +63,9 @@ class Interfaces:
         self.pressing = tuple(self.by_kind.values())
 
     def missing(self, wanted):
-        """Find what is not open of the names in `wanted`.
+        """Return why some of the names in `wanted` are not open, and whether a restart opens them.
 
-        Returns
-        -------
-        str or None
-            Sentence that says why; None if all are open.
-        bool
-            Whether a restart opens them.
+        The first one is a sentence, or None if all are open.
         """
         missing = " and ".join([name for name in wanted if name not in self.by_name])
         if not missing:
@@ -136,3 +121,67 @@ class Interfaces:
         for output in self.opened:
             dropped += output.outbox.dropped
         return dropped
+
+
+class KeyEvents:
+    """The sink of a strip's `keypad.Keypad`: an event becomes a report at once, and a frame later.
+
+    `stuck` is called when a touch has not moved for long. While `releases`, only `Interfaces.pump`
+    puts reports into the queues: a command, whose calls nest deeply, may cause a release.
+    """
+
+    def __init__(self, sensor, framer, interfaces, stuck):
+        self._sensor = sensor
+        self._framer = framer
+        self._interfaces = interfaces
+        self.stuck = stuck
+        # Page, 12 bits of usage, 8 of modifiers, and whether it is a press.
+        self._events = array("i", bytes(4 * _EVENTS))
+        self.waiting = 0
+        self.releases = False
+
+    def usage(self, page, usage, modifiers, pressed):
+        """Pass the press or release of a single usage to its open interface, see `merge.Merger`."""
+        output = self._interfaces.by_kind.get(page)
+        if output is not None:
+            output.key(usage, modifiers, pressed)
+
+    def scroll(self, number, parts):
+        """Turn the wheel `number`, see `usages.WHEEL`, by 120ths of a notch."""
+        mouse = self._interfaces.by_kind.get(MOUSE)
+        if mouse is not None:
+            mouse.scroll(number, parts)
+            mouse.flush()
+
+    def key(self, page, usage, modifiers, pressed):
+        """Queue the report of a key event of `merge.Merger`; its frame follows, see `has_room`."""
+        if not self.releases:
+            self._flush()
+        if self.waiting < _EVENTS:
+            self._events[self.waiting] = page << 21 | usage << 9 | modifiers << 1 | pressed
+            self.waiting += 1
+
+    def has_room(self):
+        """Send the frames of the last event; return whether there is room for another event."""
+        self.send()
+        # Not `all` with a generator, which allocates.
+        for output in self._interfaces.opened:  # noqa: SIM110
+            if not output.outbox.has_room():
+                return False
+        return True
+
+    def send(self):
+        """Send the frames that wait."""
+        i = 0
+        while i < self.waiting:
+            event = self._events[i]
+            self._framer.key(
+                self._sensor, event >> 21, event >> 9 & 0xFFF, event >> 1 & 0xFF, event & 1
+            )
+            i += 1
+        self.waiting = 0
+
+    def _flush(self):
+        for output in self._interfaces.pressing:
+            if output.unsent:
+                output.flush()

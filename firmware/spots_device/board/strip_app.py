@@ -152,11 +152,12 @@ class StripApp:
         """
         self.board.time.update()
         self.outputs.release()  # before `use_stored`, because its calls nest deeply
-        notes = self.use_stored(), self.outputs.note(self.strip.decode.calibration)
+        why_not = self.use_stored()
+        note, reboots = self.outputs.note(self.strip.decode.calibration)
         gc.collect()  # frees the garbage of parsing
-        note = "; ".join(filter(None, notes))
+        note = "; ".join(filter(None, (why_not, note)))
         found = {"note": note} if note else {}
-        if self.outputs.needs_reboot:
+        if reboots:
             found["why"] = "needs_reboot"
         return found
 

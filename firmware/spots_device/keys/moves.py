@@ -46,7 +46,7 @@ class Moves:
         engine.then(i, action, t)
 
     def _step(self, i, x_um, t):
-        off_um = x_um - self._engine.switches.step_um[i]
+        off_um = x_um - self._engine.switches.x_um[i]
         if self._engine.switches.state[i] == switch.SLIDING and self._turn(i, off_um):
             return False
         slide_um = self._engine.layout.slide_um
@@ -63,7 +63,7 @@ class Moves:
             self._engine.close()
             s.state[i] = switch.SLIDING
         if not _is_wheel(action):
-            s.step_um[i] += um
+            s.x_um[i] += um
             self._engine.then(i, action, t)
         return True
 
@@ -75,7 +75,7 @@ class Moves:
         slide_um = self._engine.layout.slide_um
         parts = abs(off_um) * NOTCH // slide_um
         um = (parts * slide_um + (NOTCH >> 1)) // NOTCH
-        self._engine.switches.step_um[i] += um if off_um > 0 else -um
+        self._engine.switches.x_um[i] += um if off_um > 0 else -um
         if parts:
             self._engine.sink.scroll(action & 0xFFF, parts)
         return True

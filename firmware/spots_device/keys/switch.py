@@ -27,8 +27,7 @@ class Switches:
         self.row = array("i", numbers)  # key, as index in `KeyMap.keys`; -1 without a key
         self.action = array("i", numbers)  # pressed action, or 0
         self.began = array("i", numbers)  # ticks
-        self.x_um = array("i", numbers)  # position at the press
-        self.step_um = array("i", numbers)  # position of the last step of a slide
+        self.x_um = array("i", numbers)  # position at the press, or of the last step of a slide
         self.layer = bytearray(most + 1)
 
     def free(self):
@@ -44,7 +43,7 @@ class Switches:
         """Place a switch without a key or an action at a position."""
         self.row[i] = -1
         self.action[i] = 0
-        self.x_um[i] = self.step_um[i] = x_um
+        self.x_um[i] = x_um
 
 
 def past(since, now):

@@ -107,7 +107,7 @@ class Framer:
         """Send a key event as a KEY frame; return whether it was sent.
 
         `sensor` is the number of the sensor. The other arguments are those of
-        `outputs.Outputs.key`.
+        `merge.Merger`'s ``sink.key``.
         """
         pack_into(KEY_BODY, self.payload, d.HEADER_SIZE, page, usage, modifiers, int(pressed))
         return self._send_body(KEY | sensor << 4, d.HEADER_SIZE + _KEY)

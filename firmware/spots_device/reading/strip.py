@@ -48,6 +48,7 @@ class Strip:
         self._framer = framer
         self._send = framer.send
         self._outputs = outputs
+        outputs.stuck = self.request_tare  # an object becomes a part of the baseline
         self._use_reading = self._use_reading  # binding a method allocates
         self._time = time
         self._head = time.head
@@ -274,8 +275,6 @@ class Strip:
         if not outputs.active:
             return False
         outputs.take(self._reading)
-        if outputs.is_object:
-            self.request_tare()
         return outputs.two
 
     def _take_off(self):
