@@ -19,6 +19,7 @@ import machine
 
 from spots_device.board import app as app_module
 from spots_device.board import command as command_module
+from spots_device.board import strip_app as strip_module
 from spots_device.board.settings import checksum
 from spots_device.fingers import evidence
 from spots_device.reading.calibration import Calibration
@@ -308,7 +309,7 @@ class Later:
 
 show("LineReader.feed", mean_us(feed))
 show("gc.collect", mean_us(gc.collect, 5))
-app_module.gc = command_module.gc = Later
+app_module.gc = command_module.gc = strip_module.gc = Later
 framer._write = nothing
 for line in ("hello", "get", "sync", "stream touch", "set average=1", "set keys=1", "cal begin"):
     show("command " + line, mean_us(lambda line=line: app.replies.send(handle(line)), 5))
