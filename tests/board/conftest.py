@@ -49,6 +49,11 @@ class Rig:
             self.settle(0.05)
         raise AssertionError("the board does not use its calibration")
 
+    @property
+    def replies(self):
+        """What the board replied, also to lines that the test itself wrote."""
+        return [reply.content for reply in self.board._channel.replies]
+
     def press(self, position_mm, force_mN):
         self.held.press = Press(position_mm, force_mN, 4.0)
 

@@ -115,7 +115,7 @@ def test_a_register_that_is_not_what_was_written_is_noticed_and_set_again(rig, r
     made.readings(3)
     made.link.chip._main[register] = value
     for _ in range(3):  # a pair of registers is read back in each dark window
-        made.board._link.write(b"dark\n")
+        made.link.write(b"dark\n")
         made.settle(2.0)
     # A longer sample period may be measured before the register is read back.
     text = made.board.log[0]["text"]

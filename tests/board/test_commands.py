@@ -126,9 +126,9 @@ def test_a_bad_line_changes_nothing(rig, line, why):
 )
 def test_a_line_that_is_no_text_is_answered_and_the_next_one_works(rig, raw, why):
     made = rig()
-    made.board._link.write(raw)
+    made.link.write(raw)
     made.settle(0.05)
-    reply = made.board._channel.replies[-1].content
+    reply = made.replies[-1]
     assert (reply["re"], reply["why"]) == ("", why)
     assert reply["error"]
     assert made.board.command("hello")["protocol"] == 3
@@ -136,9 +136,9 @@ def test_a_line_that_is_no_text_is_answered_and_the_next_one_works(rig, raw, why
 
 def test_lines_in_one_piece_get_one_reply_each(rig):
     made = rig()
-    made.board._link.write(b"sync\nget\r\nhello\n")
+    made.link.write(b"sync\nget\r\nhello\n")
     made.settle(0.1)
-    assert [reply.content["re"] for reply in made.board._channel.replies] == [
+    assert [reply["re"] for reply in made.replies] == [
         "sync",
         "get",
         "hello",
@@ -211,9 +211,9 @@ def test_a_long_unknown_name_is_answered_all_the_same(rig):
 
 def test_a_request_cut_short_by_a_reboot_is_answered(rig):
     made = rig()
-    made.board._link.write(b"dark\nreboot\n")
+    made.link.write(b"dark\nreboot\n")
     made.settle(0.3)
-    replies = [reply.content for reply in made.board._channel.replies]
+    replies = made.replies
     assert [reply["re"] for reply in replies] == ["dark", "reboot"]
     assert replies[0]["why"] == "canceled"
 
@@ -307,16 +307,16 @@ def test_damaged_files_on_the_board_give_the_defaults(rig, tmp_path):
 
 def test_a_request_that_is_interrupted_is_answered(rig):
     made = rig()
-    made.board._link.write(b"autoexpose\nset gain=5\n")
+    made.link.write(b"autoexpose\nset gain=5\n")
     made.settle(0.1)
-    replies = [reply.content for reply in made.board._channel.replies]
+    replies = made.replies
     assert [reply["re"] for reply in replies] == ["autoexpose", "set"]
     assert "before the command ended" in replies[0]["error"]
 
 
 def test_one_request_at_a_time(rig):
     made = rig()
-    made.board._link.write(b"dark\ndark\n")
+    made.link.write(b"dark\ndark\n")
     made.settle(1.0)
-    replies = [reply.content for reply in made.board._channel.replies]
+    replies = made.replies
     assert sorted("error" in reply for reply in replies) == [False, True]

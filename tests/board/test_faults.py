@@ -68,7 +68,7 @@ def test_two_transfers_that_nobody_answers_anywhere_in_a_dark_window(rig, calibr
     made.readings(2)
     made.link.bus = cut = Cut(made.link.bus)
     cut.misses = range(first, first + 2)
-    made.board._link.write(b"dark\n")
+    made.link.write(b"dark\n")
     made.settle(1.0)
     assert cut.transfers > first + 1
     assert made.board.command("get")["fault"] is None

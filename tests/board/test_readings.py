@@ -108,7 +108,7 @@ def test_a_tare_during_a_dark_sample_waits_for_the_light(rig, calibration):
     made.held.pose = lambda time_s: Pose(leak_share=0.2, leak_mm=30.0)
     made.board.command("set exposure_us=2780")
     made.settle(2.0)
-    made.board._link.write(b"dark\ntare\n")
+    made.link.write(b"dark\ntare\n")
     made.settle(2.0)
     in_the_window = made.board.command("get")["baseline"]
     made.board.command("tare")
@@ -195,7 +195,7 @@ def test_dark_frames_are_marked_and_the_touch_continues_after_them(rig, calibrat
     made = rig(calibration=calibration)
     made.press(42.5, 4000.0)
     made.readings(5)
-    made.board._link.write(b"dark\n")
+    made.link.write(b"dark\n")
     frames = (frame for frame in made.board.frames(1.0))
     readings = [frame for frame in frames if frame.time_s > 0]
     dark = [reading for reading in readings if reading.flags & decode.LED_OFF]
