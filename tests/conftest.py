@@ -63,7 +63,8 @@ def pytest_xdist_auto_num_workers():
 # Tests are in three tiers: `browser`, with a real browser; `board`, with processes, such as a real
 # MicroPython, or with minutes of a simulated board; all others are pure.
 TIERS = {"board": "starts processes, or computes for long", "browser": "uses a real browser"}
-OF_FIXTURES = {"browser": "browser", "built": "board", "results": "board", "seen": "board"}
+OF_FIXTURES = {"browser": "browser"}
+OF_FIXTURES |= dict.fromkeys(("built", "pressed", "results", "roughly", "seen", "staged"), "board")
 STARTS = (subprocess.Popen, "__init__"), (os, "fork"), (os, "forkpty"), (os, "posix_spawn")
 _pure = []  # the pure test that runs
 

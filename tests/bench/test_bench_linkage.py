@@ -15,6 +15,7 @@ def small(monkeypatch):
     monkeypatch.setattr(linkage, "_ROUNDS", 3)
 
 
+@pytest.mark.board
 def test_a_million_at_once_are_fifty_times_faster_than_one_by_one(small):
     figures = linkage.measure()
     assert linkage._SAMPLES == 10**6
@@ -28,6 +29,7 @@ def test_another_formula_gets_no_rate(small, monkeypatch):
         linkage.measure()
 
 
+@pytest.mark.board
 def test_its_table_shows_every_way(small):
     figures = linkage.measure()
     text = _text(_linkage(figures))

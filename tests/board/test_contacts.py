@@ -184,6 +184,7 @@ def test_a_second_finger_is_followed_while_the_first_one_rests(played, mm_per_s,
     assert math.sqrt(fmean(x * x for x in shares)) < 1
 
 
+@pytest.mark.board
 def test_a_force_is_known_only_of_a_finger_alone(played):
     _, frames = played(*ROLLED)
     for one in contacts(frames).values():
@@ -205,6 +206,7 @@ def test_a_contact_has_the_time_of_its_reading_and_a_blend_is_untrusted(played):
     assert all(blend.flags & MISFIT or not blend.flags & TOUCHING for blend in blends)
 
 
+@pytest.mark.board
 def test_no_key_is_typed_without_keys(played):
     _, frames = played(*ROLLED)
     assert not any(isinstance(frame, Key) for frame in frames)

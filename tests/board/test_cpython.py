@@ -185,6 +185,7 @@ def test_faults_of_a_scenario_reach_it(capsys):
     assert run["touches"] > 0
 
 
+@pytest.mark.board
 def test_a_key_goes_to_the_usb_host(rig, calibration, tmp_path):
     made = rig(calibration=calibration, folder=tmp_path)
     made.board.command("set keys=1")

@@ -152,6 +152,7 @@ def test_a_press_that_comes_when_it_is_asked_for_passes():
     assert [finding.check for finding in found].count("light") == 2
 
 
+@pytest.mark.board
 def test_a_light_too_dim_to_use_is_no_pass_and_names_what_to_do():
     with Stage(load(SensorFile, "default"), settings="gain=2 led_mA=4") as stage:
         stage.press(NEAR_UM, 8_000)
@@ -181,6 +182,7 @@ def test_a_board_that_is_asked_for_more_than_it_can_do(rig, exposure_us, average
         assert rate.ok
 
 
+@pytest.mark.board
 def test_a_fault_at_the_start_of_the_board_is_reported_until_it_is_saved():
     with Stage(load(SensorFile, "default")) as stage:
         stage.press(NEAR_UM, 8_000)
@@ -258,6 +260,7 @@ def test_a_strip_that_has_drifted_is_to_be_re_zeroed(change, words):
     assert found.ok or "of the strip, run 'spots rezero'" in found.text
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(("dye_percent", "ok"), [(0.0, True), (-5.0, False)])
 def test_a_press_at_a_mark_shows_the_error_that_no_spectrum_shows(dye_percent, ok):
     *others, verdict = fits_of(Change(dye_percent=dye_percent), 40_000, 40.0)
@@ -277,6 +280,7 @@ def test_a_mark_beside_the_strip_is_refused(mark):
     assert "give a place from 0 to 85 mm" in verdict.text
 
 
+@pytest.mark.board
 def test_a_mark_that_nobody_presses_is_reported():
     sensor = load(SensorFile, "default")
     with Stage(sensor) as stage:

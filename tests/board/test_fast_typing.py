@@ -116,6 +116,7 @@ def play(*fingers):
         return type_on_board(board, truth, 0.0, seconds - board.now_s(), True, "digits")
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("phase_s", [0.0, 0.007])
 def test_rollover_types_what_was_touched(phase_s):
     text = "75310864297531"
@@ -134,6 +135,7 @@ def test_a_second_finger_is_a_second_key_while_the_first_one_rests(second):
     assert figures["extra"] == figures["missed"] == figures["stuck"] == 0
 
 
+@pytest.mark.board
 def test_two_fingers_that_rest_are_two_keys():
     figures = play(finger("3", 0.0, 3.0), finger("9", 0.5, 3.0))
     assert (figures["typed"], figures["keys_down"]) == ("39", 0)
@@ -211,6 +213,7 @@ def test_a_third_finger_taps_its_key_while_two_rest(text, phase_s):
     assert figures["latency_ms"]["p99"] <= 60
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("phase_s", [0.0, 0.007])
 def test_a_third_finger_is_typed_once_although_it_remains(phase_s):
     ends_s = phase_s + 0.3

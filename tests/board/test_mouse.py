@@ -79,6 +79,7 @@ def test_a_slide_turns_the_wheel_smoothly_by_its_length(sensor, calibration, tmp
     assert len(reports) > 50
 
 
+@pytest.mark.board
 def test_a_slide_turns_whole_notches_for_a_host_that_knows_no_others(sensor, calibration, tmp_path):
     reports = play(sensor, calibration, tmp_path, TURNS, [SLIDE])
     assert wheel(reports) in (-NOTCHES, 1 - NOTCHES)

@@ -64,6 +64,7 @@ def test_near_the_bound_at_10_ms(name):
         assert 0.90 < ratio(rig) <= 1.10
 
 
+@pytest.mark.board
 def test_bright_and_dim_are_exposed_before_they_are_measured():
     gains = {}
     for name in ("bright", "dim"):
@@ -226,6 +227,7 @@ def test_without_matplotlib_nothing_is_measured(capsys, monkeypatch, tmp_path):
     assert not (tmp_path / "figures").exists()
 
 
+@pytest.mark.board
 def test_each_part_of_the_rig_leaves_it_as_it_was(sensor, monkeypatch):
     with Rig(sensor, 0, 10_000, 1) as rig:
         _threshold_mN(rig)

@@ -64,6 +64,7 @@ def bound_um(sensor, plan):
     return np.mean([bound.sigma(x, FIRM_MN)[0] for x in places_um])
 
 
+@pytest.mark.board
 def test_the_chosen_plan_is_within_3_percent_of_the_best_one_that_does_not_clip(sensor, blue):
     peak = max(Bound(sensor, ("CLEAR", *USUAL[:5]), **SETTINGS).counts(2000, FULL_MN))
     assert peak > FULL_SCALE  # CLEAR is no candidate here

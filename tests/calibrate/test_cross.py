@@ -56,6 +56,7 @@ def test_a_strong_effect_is_corrected_too():
     assert np.mean([strip.errors_mm(lines, f)[0] for f in FORCES_MN]) <= 0.05
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("contact", [{"gap_percent": -9.0}])
 def test_at_10_ms_the_noise_is_that_of_an_ideal_strip(contact):
     def mean_mm(**contact):
@@ -74,12 +75,14 @@ def test_an_ideal_strip_gets_no_correction(name, exposure_us):
         assert not has_cross(Strip(name, exposure_us, seed).lines())
 
 
+@pytest.mark.board
 def test_a_correction_below_20_um_is_not_written():
     strip = Strip(seed=1, gap_percent=0.08)
     assert not has_cross(strip.lines())
     assert has_cross(Strip(seed=1, gap_percent=1.5).lines())
 
 
+@pytest.mark.board
 def test_positions_that_a_person_misses_do_not_look_like_a_colour():
     # The errors of the presses are much larger than the noise, and each has its own.
     for seed in range(4):
@@ -146,6 +149,7 @@ def test_a_stretched_strip_has_the_correction_too():
         assert decode.position_um == pytest.approx(1.1 * share * strip.length_um, abs=150)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("keys", [{"gap_percent": -7.0, "mode_percent": 3.0}])
 def test_the_firmware_corrects_a_coloured_strip(sensor, keys):
     coloured = with_keys(sensor, {f"contact.{key}": value for key, value in keys.items()})

@@ -61,6 +61,7 @@ def test_light_and_firm_presses_give_the_same_re_zero(sensor, keys):
         assert np.abs(firm - PLACES * stage.length_um).max() < 100
 
 
+@pytest.mark.board
 def test_without_a_cross_sensitivity_a_force_changes_no_colour(calibration):
     assert not CrossLines(calibration).logs(20_000, [900.0] * 6).any()
 

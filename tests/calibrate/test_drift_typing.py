@@ -145,6 +145,7 @@ def test_a_strip_of_little_contrast_types_right_after_a_re_zero():
     assert counted(play(sensor, lines, change)[0]) == {"right": len(TEXT)}
 
 
+@pytest.mark.board
 def test_a_controller_follows_a_strip_that_drifted(sensor, calibration):
     _, touches = play(sensor, calibration, DRIFTS["die redder"])
     third_s = START_S + 2 * PERIOD_S
@@ -172,11 +173,13 @@ def test_a_controller_follows_slow_presses_on_a_strip_that_drifted(sensor, calib
     assert np.mean([usable(touch) for touch in firm]) > 0.95
 
 
+@pytest.mark.board
 def test_a_drift_that_hits_another_key_is_not_hidden(sensor, calibration):
     typed, _ = play(sensor, calibration, {"blue_share_percent": 10.0})
     assert counted(typed) == {"silent": len(TEXT)}
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", ["filters", "more blue"])
 def test_two_fingers_in_turn_on_a_drifted_strip_are_two_keys(sensor, calibration, name):
     typed, _ = play(sensor, calibration, DRIFTS[name], held_s=PERIOD_S + 0.05, alone=2)

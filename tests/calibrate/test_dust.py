@@ -161,6 +161,7 @@ def test_a_calibration_without_room_for_spectra_says_so(staged, monkeypatch):
         assert "\n".join(said).count("no room for the spectra of presses") == count
 
 
+@pytest.mark.board
 def test_too_much_light_is_refused_with_its_place(sensor, tmp_path):
     path = tmp_path / "a.jsonl"
     strip = dusty(sensor, 12.0, 35.0)
@@ -170,6 +171,7 @@ def test_too_much_light_is_refused_with_its_place(sensor, tmp_path):
     assert len(Session(path).points) <= 9
 
 
+@pytest.mark.board
 def test_a_person_is_refused_too_much_light_at_the_third_press(sensor, tmp_path):
     path = tmp_path / "a.jsonl"
     strip = dusty(sensor, 12.0, 35.0)

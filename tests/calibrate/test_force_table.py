@@ -32,6 +32,7 @@ def errors_mN(name):
     return np.array(errors)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", ["default", "short_30mm", "weak_dye", "strong_dye"])
 def test_the_errors_of_the_force_are_balanced_and_small(name):
     errors = errors_mN(name)

@@ -49,6 +49,7 @@ def rough(sensor, tmp_path_factory):
         return path, made, room, errors_um(stage, made), relative_forces(stage, made)
 
 
+@pytest.mark.board
 def test_a_rough_calibration_takes_twelve_presses_and_is_good_to_a_millimetre(rough):
     _, made, room, errors, _ = rough
     assert room.person.presses <= 12
@@ -124,6 +125,7 @@ def test_repeated_presses_replace_others(sensor, tmp_path, kind, most):
     assert len(Session(path).of("hand")) >= steps.COUNTS[kind][1]
 
 
+@pytest.mark.board
 def test_a_press_that_is_lifted_early_is_not_requested_again(sensor, tmp_path):
     path = tmp_path / "a.jsonl"
     with Stage(sensor, seed=3, settings=LONG) as stage:
@@ -133,6 +135,7 @@ def test_a_press_that_is_lifted_early_is_not_requested_again(sensor, tmp_path):
     assert room.person.presses == len(Session(path).of("hand")) == 12
 
 
+@pytest.mark.board
 def test_a_rough_session_requests_the_press_of_the_exposure_again_if_it_ended(
     sensor, tmp_path, monkeypatch
 ):
@@ -156,6 +159,7 @@ class EnoughError(Exception):
     """Raised by a test to end a session early."""
 
 
+@pytest.mark.board
 def test_a_press_that_is_too_dark_is_asked_for_again_with_more_force(tmp_path, monkeypatch):
     following, asked = hand._next, []
 
@@ -236,6 +240,7 @@ def test_a_force_that_is_impossible_in_both_units_is_answered_with_the_limits():
         typed("2500g", 85_000)
 
 
+@pytest.mark.board
 def test_a_strip_that_no_force_lights_ends_the_session(sensor, tmp_path):
     shown = Guide(Console(file=io.StringIO(), width=200))
     options = argparse.Namespace(channels=PLAN, keep_settings=True)

@@ -42,6 +42,8 @@ from spots_sim.strip.files import DATA, SensorFile, load
 from spots_sim.strip.optics import Optics
 from spots_sim.strip.scenario import Press
 
+pytestmark = pytest.mark.board
+
 PLAN = "F3,F4,F5,F6,F7,F8"
 DRIFT = Change(die_nm=-1.0, phosphor_nm=1.0, dye_percent=-2.0)
 # A third of the samples of 10 ms: each press on a mark is read for 3 s.
@@ -137,7 +139,6 @@ def rezeroed(full, sensor, tmp_path_factory):
 # ---- marks
 
 
-@pytest.mark.board
 def test_a_calibration_ends_with_nine_marks(full, made, sensor):
     assert made.marks.place_um == tuple(8500.0 * (1 + i) for i in range(9))
     assert [p.place_um for p in Session(full).of("mark")] == list(made.marks.place_um)
@@ -408,7 +409,6 @@ def test_presses_that_are_not_held_are_given_up_and_nothing_has_changed(made, se
         rezero(strip.bench, made)
 
 
-@pytest.mark.board
 def test_the_tremor_of_a_finger_does_not_refuse_a_mark_at_a_long_exposure():
     real = load(SensorFile, "real")
     # An exposure of 100 ms gives 10 readings per second, about the frequency of the tremor.
@@ -667,7 +667,6 @@ def test_the_causes_of_a_drift_are_named(name):
 # ---- spots characterize, and other simulations
 
 
-@pytest.mark.board
 def test_characterize_shows_the_damage_and_the_cure(sensor):
     change = Change(die_nm=0.5, bands_nm=0.15, tilt_percent=0.25, dye_percent=-2.5)
 
@@ -695,7 +694,6 @@ def test_characterize_shows_the_damage_and_the_cure(sensor):
         assert often < once < 25 + 500
 
 
-@pytest.mark.board
 @pytest.mark.parametrize(
     ("words", "median_um", "trusted_percent"),
     # Smallest and largest median of 16 start times within one exposure: 81 to 145 and 29 to 39 um.
@@ -781,7 +779,6 @@ def at(strip, kelvin):
     strip.stage.held.changed = Change(temperature_K=kelvin)
 
 
-@pytest.mark.board
 def test_two_re_zeros_at_different_temperatures_are_enough_for_a_day(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "a.toml", change=Change(temperature_K=-9)) as strip:
         file.save(made, tmp_path / "a.toml", None)

@@ -44,11 +44,13 @@ def test_rounded_positions_have_much_less_error_in_common():
     assert corrected < 0.7 * fitted
 
 
+@pytest.mark.board
 def test_rounded_positions_have_less_error_in_common_in_spite_of_weak_presses():
     fitted, corrected = errors_um(lambda rng: rng.uniform(-500, 500, COUNT), 300, WEAK)
     assert corrected < 0.8 * fitted
 
 
+@pytest.mark.board
 def test_rounded_positions_with_parallax_are_corrected_too():
     fitted, corrected = errors_um(
         lambda rng: rng.uniform(-500, 500, COUNT) + rng.normal(0, 100, COUNT), 300
@@ -56,6 +58,7 @@ def test_rounded_positions_with_parallax_are_corrected_too():
     assert corrected < 0.95 * fitted
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("sigma_um", [3, 300])
 def test_gaussian_errors_stay_at_their_mean(sigma_um):
     fitted, corrected = errors_um(lambda rng: rng.normal(0, sigma_um, COUNT), sigma_um)

@@ -315,6 +315,7 @@ def test_a_file_of_another_kind_is_no_session(tmp_path, text):
     assert path.read_text() == text
 
 
+@pytest.mark.board
 def test_a_calibration_replaces_no_file_of_another_kind(full, tmp_path, capsys):
     session, out = tmp_path / "mine.jsonl", tmp_path / "mine.toml"
     session.write_bytes(full.session.read_bytes())
@@ -654,6 +655,7 @@ def test_a_bad_press_is_said_and_repeated_and_given_up_in_the_end(
     assert (np.diff(counts.mean(axis=1)) < 0).all()  # the bad presses were not recorded
 
 
+@pytest.mark.board
 def test_light_that_does_not_grow_with_the_force_is_no_force(sensor, tmp_path):
     def softer(held, press):
         held.press = Press(press.position_mm, 0.5 * press.force_mN, press.width_mm)
@@ -664,6 +666,7 @@ def test_light_that_does_not_grow_with_the_force_is_no_force(sensor, tmp_path):
     assert "the brightness does not increase with the force" in out.getvalue()
 
 
+@pytest.mark.board
 def test_a_strip_whose_colour_does_not_change_is_refused(sensor, tmp_path):
     clear = replaced(sensor, dye={"strength_per_mm": 0.0})
     shown, _ = guide()
@@ -688,6 +691,7 @@ def test_a_session_of_a_stage_with_one_force_goes_on_by_hand_with_another_force(
 # ---- the calibration that the board stores
 
 
+@pytest.mark.board
 def test_power_lost_before_save_leaves_the_calibration_before(sensor, full):
     with Touched(sensor, full.out) as touched:
         old = checksum(list(touched.made.lines))
@@ -876,6 +880,7 @@ def test_the_integers_agree_with_float64(sensor, full, strain_ppm):
     assert decoded > 2300
 
 
+@pytest.mark.board
 def test_the_board_agrees_with_float64(sensor, full):
     with Touched(sensor, full.out) as touched:
         calibration = Calibration(touched.made.lines)

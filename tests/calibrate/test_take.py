@@ -41,6 +41,7 @@ def bench(stage):
     return made
 
 
+@pytest.mark.board
 def test_a_board_that_averages_is_read_sample_by_sample_and_averages_again(stage):
     stage.held.press = PRESS
     stage.board.command("stream spectrum")

@@ -313,6 +313,7 @@ def test_a_recording_of_such_a_board_under_an_odd_name(screen, evil_board, tmp_p
     assert NAME in found["files"][0]
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("about", ["{}", "CircuitPython 9.2.1 on\nBoard ID:{}\nUID:{}\n"])
 @pytest.mark.parametrize("arguments", [[], ["--dry-run"]])
 def test_the_label_of_a_drive_and_what_is_written_on_it(screen, tmp_path, about, arguments):

@@ -266,6 +266,7 @@ DISTRIBUTIONS = {
 }
 
 
+@pytest.mark.board
 def test_each_message_about_a_missing_package_names_an_extra_that_installs_it():
     """Fails if the extra that a message names does not bring the package."""
     ours = importlib.metadata.distribution("spots-tactile")

@@ -194,6 +194,7 @@ def test_a_wrong_number_of_a_toml_file_is_one_sentence(tmp_path):
                     load(wrong)
 
 
+@pytest.mark.board
 def test_a_wrong_number_of_a_table_of_points_is_one_sentence(tmp_path, capsys):
     (tmp_path / "arm.toml").write_text(ARM)
     rows = [[20 * i, 150.0, 4.0 * i, 3.0 * i, 0.01, 0.01] for i in range(12)]

@@ -107,6 +107,7 @@ def test_an_export_does_not_replace_a_link_to_nowhere(tmp_path, capsys):
     assert names(tmp_path) == ["x.npz", "x.spots"]
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("write", ["toml", "picture"])
 def test_a_link_in_the_place_of_the_file_is_replaced_and_not_followed(tmp_path, write):
     victim = tmp_path / "victim"

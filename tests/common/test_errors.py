@@ -141,6 +141,7 @@ def test_the_docstring_shows_the_whole_tree():
         assert re.search(line, errors.__doc__), one.__name__
 
 
+@pytest.mark.board
 def test_no_place_raises_the_root_class(raised):
     assert not [place for place, node in raised if node.func.id == "SpotsError"]
 
@@ -150,6 +151,7 @@ def test_all_sentences_are_found(raised, sentences):
     assert len(sentences) > 0.9 * len(raised)
 
 
+@pytest.mark.board
 def test_sentences_that_reach_an_error_by_another_way_are_found(sentences, spoken):
     others = {text for place, text in spoken.items() if place not in sentences}
     assert len(others) > 100

@@ -146,6 +146,7 @@ def test_the_figures_see_a_jump_that_no_finger_made(rig):
     assert made.score.summary()["largest_unexplained_jump_percent"] > 40
 
 
+@pytest.mark.board
 def test_lost_frames_make_no_jump_and_leave_nothing_behind(rig):
     made = rig(the_demo())
     dice = random.Random(3)
@@ -401,6 +402,7 @@ def test_touches_that_are_no_stick_are_told_and_nothing_is_written(
     assert not path.exists()
 
 
+@pytest.mark.board
 def test_without_a_touch_nothing_is_written(rig, tmp_path):
     made = rig(Held())
     with refusal(CalibrationError):
@@ -411,6 +413,7 @@ def test_without_a_touch_nothing_is_written(rig, tmp_path):
 # The command line.
 
 
+@pytest.mark.board
 def test_the_demo_tells_its_figures_and_the_same_each_time(capsys):
     told = []
     for _ in range(2):
@@ -497,6 +500,7 @@ def test_a_board_too_slow_for_a_controller_is_refused_in_a_sentence(exposure_us,
 # The picture.
 
 
+@pytest.mark.board
 def test_a_terminal_gets_the_picture_and_what_is_none_gets_lines(monkeypatch, capsys, rig):
     screen = io.StringIO()
     made = rig(the_demo())
@@ -554,6 +558,7 @@ def anchored_states(rig, *fingers):
     return made.states
 
 
+@pytest.mark.board
 def test_a_second_finger_moves_the_axis_while_a_thumb_rests(rig):
     file = sliding(50, 3, places_mm=(8.0, 30.0, 75.0))
     second = file.touch[1].points
@@ -580,6 +585,7 @@ def test_a_second_finger_moves_the_axis_while_a_thumb_rests(rig):
     assert states[-1][1] == REST
 
 
+@pytest.mark.board
 def test_a_second_finger_that_stays_when_the_thumb_leaves_is_a_plain_touch(rig):
     thumb = Finger(points=[(3, 8, 0), (3.03, 8, 3000), (4, 8, 3000), (4.03, 8, 0)])
     second = Finger(points=[(3.4, 60, 0), (3.43, 60, 3000), (5, 60, 3000), (5.03, 60, 0)])
@@ -594,6 +600,7 @@ def test_a_second_finger_that_stays_when_the_thumb_leaves_is_a_plain_touch(rig):
     assert states[-1][1] == REST
 
 
+@pytest.mark.board
 def test_a_thumb_that_began_elsewhere_is_no_anchor(rig):
     thumb = Finger(
         points=[(3, 40, 0), (3.03, 40, 3000), (3.5, 8, 3000), (4.5, 8, 3000), (4.53, 8, 0)]
@@ -603,6 +610,7 @@ def test_a_thumb_that_began_elsewhere_is_no_anchor(rig):
     assert min(state.x for _, state in states) < -0.5 * AXIS_MAX
 
 
+@pytest.mark.board
 def test_an_anchor_changes_nothing_for_a_finger_elsewhere(rig):
     finger = Finger(
         points=[(3, 40, 0), (3.03, 40, 3000), (3.5, 70, 3000), (4.5, 30, 6000), (4.53, 30, 0)]

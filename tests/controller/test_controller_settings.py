@@ -75,6 +75,7 @@ def test_no_such_file_says_how_to_make_one(tmp_path):
 POSITIONS = st.lists(st.floats(0, 100), min_size=3, max_size=3, unique=True).map(sorted)
 
 
+@pytest.mark.board
 @given(POSITIONS, st.floats(0, 0.9), st.floats(0, 1), st.booleans(), st.integers(1, 16))
 def test_what_is_written_is_read_back(tmp_path_factory, places, deadband, expo, invert, number):
     low, rest, high = places

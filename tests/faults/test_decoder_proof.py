@@ -127,6 +127,7 @@ def many_damages(stream, seed, multiple=MULTIPLE):
     return wrong
 
 
+@pytest.mark.board
 def test_many_damages_of_several_bytes(stream):
     assert many_damages(stream, 0) == []
 

@@ -357,6 +357,7 @@ def test_a_moved_board_is_still_found_after_several_failed_writes(hub):
     link.close()
 
 
+@pytest.mark.board
 def test_record_waits_for_a_board_at_the_start_and_while_it_is_unplugged(
     hub, monkeypatch, capsys, tmp_path
 ):

@@ -170,6 +170,7 @@ def test_other_exposures_stay_within_31_bits(nominal_us, percent):
     assert max(map(abs, settled(strip, 500 * nominal_us))) <= max(LIMIT_US, nominal_us // 2_000)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("percent", [-3, 0.1, 3])
 def test_the_period_is_measured_for_the_mains_frequency(percent):
     loop = two_strips((10_000, 10_000), (percent, 0), 3)

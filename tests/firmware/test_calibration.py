@@ -16,6 +16,7 @@ def changed(old, new):
     return "\n".join(GOOD).replace(old, new, 1).split("\n")
 
 
+@pytest.mark.board
 def test_the_real_one_is_good(calibration):
     made = Calibration(calibration)
     assert made.conditions.plan == ("F3", "F4", "F5", "F6", "F7", "F8")

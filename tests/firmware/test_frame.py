@@ -115,6 +115,7 @@ def test_a_dropped_frame_is_counted_numbered_and_flagged():
     assert made.dropped == 1
 
 
+@pytest.mark.board
 def test_the_sequence_wraps():
     made, port = framer()
     for _ in range(65_537):

@@ -346,6 +346,7 @@ def test_a_key_that_is_still_down_when_the_host_wakes_is_not_pressed():
     assert pressed(desk.host.got) == [frozenset(), {B}]
 
 
+@pytest.mark.board
 @given(
     events=st.lists(
         st.tuples(st.integers(A, A + 4), st.integers(1, 400), st.booleans()), max_size=40

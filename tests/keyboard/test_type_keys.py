@@ -60,6 +60,7 @@ def board(sensor, calibration):
         yield made
 
 
+@pytest.mark.board
 def test_a_finger_types_and_the_end_of_the_time_lets_go(board):
     with Computer() as computer:
         type_on(board, load("digits"), computer, HELD_S + 1 - board.now_s())
@@ -281,6 +282,7 @@ def test_the_typing_scenario_is_what_the_typist_makes(tmp_path):
         np.testing.assert_allclose(np.array(ours.points), np.array(theirs.points), atol=0.5)
 
 
+@pytest.mark.board
 def test_the_demo_types_the_scenarios_text(capsys):
     assert cli.main(["demo", "--use", "keyboard", "--fast", "--json", "--seconds", "13"]) == 0
     figures = json.loads(capsys.readouterr().out)
@@ -321,6 +323,7 @@ def gestures_of(sensor, calibration, fingers, seconds, on_gesture=lambda one: No
         return play(board, on_gesture, seconds - board.now_s(), False, Mapping())
 
 
+@pytest.mark.board
 def test_gestures_through_the_firmware(sensor, calibration):
     typist = Typist(load("digits"), 85.0, np.random.default_rng(0), start_s=2.0)
     typist.press(0.5, 0.1, 1500)
@@ -373,6 +376,7 @@ def test_every_gesture_on_an_arm_that_moves_and_sweats(sensor, calibration, seed
     assert min(one.confidence for one in found) > 0.9
 
 
+@pytest.mark.board
 def test_a_held_press_is_never_taken_for_the_untouched_strip(sensor, calibration):
     """The press lasts longer than any change of the baseline; light leaks, and the arm bends."""
     held = Finger(points=[(2.0, 40.0, 0), (2.1, 40.0, 2500), (14.0, 42.0, 2900), (14.1, 42.0, 0)])

@@ -106,6 +106,7 @@ def test_every_truncation_gives_the_whole_frames():
         assert len(Decoder().feed(data[:size])) == data[:size].count(0)
 
 
+@pytest.mark.board
 def test_random_damage_never_delivers_a_wrong_frame():
     rng = random.Random(0)
     pieces = stream(50)

@@ -89,6 +89,7 @@ def test_a_board_that_restarts_makes_no_speed():
     assert encoder.take(touch(90_000, 0)).velocity_rad_s is None
 
 
+@pytest.mark.board
 def test_the_speeds_error_is_that_of_its_scatter():
     still = played(JOINT, np.full(4000, 10.0), noise_deg=0.03)[20:]
     speeds = np.array([angle.velocity_rad_s for angle in still])

@@ -115,6 +115,7 @@ def test_the_angles_are_those_of_the_papers_equations(bar, base, way, share):
             assert math.remainder(told - paper, 2 * math.pi) == pytest.approx(0, abs=1e-9)
 
 
+@pytest.mark.board
 @given(linkages, st.floats(-3, 3), st.floats(-3, 3), st.integers(0, 2**32 - 1))
 def test_a_root_finder_that_knows_only_the_bars_agrees(arguments, theta1, theta2, seed):
     linkage = made(arguments)
@@ -215,6 +216,7 @@ def test_in_line_the_jacobian_is_refused():
     assert linkage.outer_angle(*theta) == pytest.approx(0, abs=1e-6)
 
 
+@pytest.mark.board
 @given(linkages, st.floats(-3, 3), st.floats(-3, 3))
 def test_the_jacobian_is_the_slope(arguments, theta1, theta2):
     linkage = made(arguments)

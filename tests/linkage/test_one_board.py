@@ -58,6 +58,7 @@ def arm(sensor, tmp_path_factory):
     return path, motion, open_board
 
 
+@pytest.mark.board
 def test_one_port_is_enough_for_both_strips_and_so_is_one_recording(arm, monkeypatch, tmp_path):
     path, motion, open_board = arm
     monkeypatch.setattr(twin_source, "open", open_board)

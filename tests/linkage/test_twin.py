@@ -163,6 +163,7 @@ def test_two_encoders_it_is():
         Twin(LINKAGE, (Encoder(JOINT),))
 
 
+@pytest.mark.board
 def test_sust_is_followed(run, files):
     figures = run.summary()
     assert figures["lost"] == figures["beyond_limits"] == 0
@@ -175,6 +176,7 @@ def test_sust_is_followed(run, files):
     assert 0.7 < figures["error_mm"]["rms"] / figures["expected_rms_mm"] < 2
 
 
+@pytest.mark.board
 def test_the_subtle_vibrations_are_in_the_twin(files):
     # The twin differs more from the same path without the tremor than from the true path.
     sensor, linkage, path = files

@@ -67,6 +67,7 @@ def test_columns_are_those_that_are_documented(seen):
             assert re.search(rf"\b{name} (six )?{kind}\b", described), name
 
 
+@pytest.mark.board
 def test_every_kind_of_damage(path):
     rng = np.random.default_rng(0)
     pieces = made(60)
@@ -108,6 +109,7 @@ def test_noise_without_an_end(path, size, more):
         assert check(recording_of(path, touch(1) + noise + end), size) >= 1
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("size", [arrays._BLOCK_BYTES, 100])
 def test_rotated_files_with_a_cut_one_among_them(path, size):
     pieces = [key(i, 1_000_000_000 * i) for i in range(200)]
@@ -223,6 +225,7 @@ def streams(draw):
     return bytes(data)
 
 
+@pytest.mark.board
 @settings(max_examples=60, deadline=None)
 @given(st.lists(streams(), min_size=1, max_size=3), st.integers(50, 5000))
 def test_any_stream_in_any_number_of_files(tmp_path_factory, parts, size):
@@ -233,6 +236,7 @@ def test_any_stream_in_any_number_of_files(tmp_path_factory, parts, size):
     check(path, size)
 
 
+@pytest.mark.board
 def test_blocks_take_no_more_memory_for_a_longer_recording(path):
     def peak_bytes(copies):
         recording_of(path, b"".join(stream(20_000)) * copies)

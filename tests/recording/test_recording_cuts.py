@@ -208,6 +208,7 @@ def test_damage_gives_a_sentence_or_true_frames(whole, tmp_path_factory, damage)
     assert set(got) <= set(frames)
 
 
+@pytest.mark.board
 @settings(derandomize=True, max_examples=300)
 @given(st.binary(max_size=3000), st.booleans())
 def test_any_bytes_give_a_sentence_or_nothing(whole, tmp_path_factory, content, headed):

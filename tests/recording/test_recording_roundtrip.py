@@ -164,6 +164,7 @@ def test_a_recording_can_begin_in_the_middle_of_a_frame_and_of_a_stream(opened, 
 noise = st.binary(min_size=1, max_size=1200)
 
 
+@pytest.mark.board
 @given(
     st.lists(noise | st.integers(0, 50_000).map(touch), max_size=12),
     st.lists(st.integers(1, 700), max_size=12),

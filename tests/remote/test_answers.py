@@ -73,6 +73,7 @@ def test_a_board_that_does_not_answer_is_asked_a_tenth_of_the_time(clock, answer
     assert busy_s < 0.15 * clock.s
 
 
+@pytest.mark.board
 def test_a_flood_of_questions_takes_a_tenth_of_the_time_from_the_readings(clock, answers_of):
     def reply(key, data, **options):
         clock.s += 50e-6

@@ -83,6 +83,7 @@ def test_foxglove_on_a_network_answers_programs_and_its_own_pages():
         made.close()
 
 
+@pytest.mark.board
 def test_clients_that_never_read_take_bounded_memory_and_leave_nothing(foxglove):
     subscribe = b'{"op":"subscribe","subscriptions":[{"id":1,"channelId":1}]}'
     frame = bytes((0x81, 0x80 | len(subscribe), 0, 0, 0, 0)) + subscribe

@@ -145,6 +145,7 @@ def test_frames_of_a_peer_without_a_token_or_without_form_change_nothing(net):
         assert (stats.restarts, stats.bad_crc, stats.lost) == (0, 0, 0)
 
 
+@pytest.mark.board
 def test_thousands_of_boards_are_one_short_sentence(net):
     with session(net.hub) as hostile, contextlib.ExitStack() as stack:
         for i in range(2000):
@@ -175,6 +176,7 @@ def test_a_message_longer_than_any_of_a_publisher_is_dropped():
     assert not mail
 
 
+@pytest.mark.board
 def test_names_of_boards_are_forgotten_the_least_recently_used_first(monkeypatch):
     now_s = 0.0
     monkeypatch.setattr(subscribe.time, "monotonic", lambda: now_s)

@@ -227,6 +227,7 @@ def test_boards_that_are_looked_for_on_zenoh(net, fault, monkeypatch):
         assert board.info["id"] == "a1"
 
 
+@pytest.mark.board
 def test_what_is_subscribed_to(net, fault, monkeypatch, capfd):
     with publishing(net.hub, stand_in()):
         fault.patch(monkeypatch, mailbox.Mailbox, "put")

@@ -102,6 +102,7 @@ def test_of_several_boards_one_is_named(net):
             assert board.info["id"] == "b2"
 
 
+@pytest.mark.board
 def test_no_command_that_could_change_anything_is_taken(net):
     link = stand_in()
     with publishing(net.hub, link), spots.open("zenoh:a1") as board, session(net.leaf) as hostile:
@@ -229,6 +230,7 @@ def test_without_streaming_the_loss_is_told_at_once(net):
             list(board.frames(30))
 
 
+@pytest.mark.board
 def test_a_reader_that_is_too_slow_counts_what_it_missed(net, monkeypatch):
     monkeypatch.setattr(mailbox, "WAITING_BYTES_MAX", 2000)
     link = stand_in(rate_Hz=1000)

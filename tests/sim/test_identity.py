@@ -34,6 +34,7 @@ def test_virtual_boards_with_different_seeds_are_different_boards(runtime, monke
         assert f"board {second.info['id']}" in second.calibration
 
 
+@pytest.mark.board
 def test_the_boards_of_a_simulated_linkage_are_different_boards():
     machine = endless("default")
     with machine.open(0) as first, machine.open(1) as second:

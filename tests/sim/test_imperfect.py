@@ -278,6 +278,7 @@ def test_the_default_led_is_between_published_ones_of_its_colour(sensor, publish
     assert blue[1] < blue[0] < blue[2]
 
 
+@pytest.mark.board
 def test_a_stage_waits_until_its_last_press_has_parted(sensor):
     # Each place is read alone: the light of two presses is the same in either order.
     sticky = with_keys(sensor, {"contact.sticking_percent": 5.0, "contact.sticking_s": 0.3})
@@ -307,6 +308,7 @@ def test_a_hands_press_goes_through_a_pipe_as_it_is(tmp_path):
     assert held.presses(1.0) == [press]
 
 
+@pytest.mark.board
 def test_errors_of_a_strip_are_measured_by_force(sensor):
     with Rig(sensor, 0, 10_000, 1) as rig:
         light, firm = errors(rig, (0.6, 3.0), readings=12, places=(0.2, 0.5, 0.8))

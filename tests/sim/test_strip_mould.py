@@ -52,6 +52,7 @@ def dimensions(drawing):
     return {name: values.pop() for name, values in found.items() if len(values) == 1}
 
 
+@pytest.mark.board
 def test_each_part_is_one_closed_solid_that_fits_the_bed(made):
     _, meshes, _ = made
     assert len(meshes) == 11

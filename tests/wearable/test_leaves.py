@@ -43,6 +43,7 @@ def test_all_gestures_are_found_and_no_rezero_is_advised(
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.board
 def test_moving_light_alone_is_no_touch(sensor, calibration):
     leaves = Ambient(steps=[(0.0, 20.0)], leaves_percent=80.0, leaves_hz=2.0)
     scene = ScenarioFile(seconds=60.0, ambient=leaves)
@@ -54,6 +55,7 @@ def test_moving_light_alone_is_no_touch(sensor, calibration):
     assert not any(touch.touching for touch in readings)
 
 
+@pytest.mark.board
 def test_a_hand_that_shades_while_it_presses(sensor, calibration):
     """At 50 uW/cm2 the shadow takes more light than a press of 1 N gives in the dimmest channel."""
     points = [(3 + i, 0.0) for i in range(8)]

@@ -112,6 +112,7 @@ def test_ended_connections_are_not_counted(serve):
         assert not has_ended(kept, 0.0)
 
 
+@pytest.mark.board
 def test_connections_that_have_ended_leave_nothing_in_memory(serve):
     state = PageState()
     server = serve(state)

@@ -72,6 +72,7 @@ def desk(sensor, calibration, serve, tmp_path):
     made.bench.close()
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", KINDS)
 def test_a_change_by_hand_is_never_overwritten_unseen(desk, name):
     path, text = desk.paths[name], desk.shown(name)["text"]
@@ -163,6 +164,7 @@ def test_the_page_shows_a_change_by_hand_and_undo_brings_the_draft_back(desk, op
 NO_SPACE = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", KINDS)
 def test_on_a_full_disk_nothing_changes_and_the_reason_is_shown(desk, name, monkeypatch):
     path, text = desk.paths[name], desk.shown(name)["text"]
@@ -230,6 +232,7 @@ def failing(monkeypatch, begin, error):
 LOST = NoReplyError("no reply")
 
 
+@pytest.mark.board
 def test_a_push_of_unknown_outcome_shows_what_the_board_has(desk, monkeypatch):
     assert desk.store("layout", DIGITS.text)[0] == 200
     with monkeypatch.context() as patch:
@@ -270,6 +273,7 @@ def test_after_the_default_keys_the_file_is_the_reference(desk):
     assert desk.paths["layout"].read_text() == MINI.text
 
 
+@pytest.mark.board
 def test_a_lost_reply_to_the_default_keys_is_shown(desk, monkeypatch):
     assert desk.store("layout", MINI.text)[0] == 200
     with monkeypatch.context() as patch:

@@ -482,6 +482,7 @@ def test_an_unchanged_file_keeps_all_its_comments(desk):
     assert desk.shown()["stored"] == "this"
 
 
+@pytest.mark.board
 def test_a_layout_that_this_program_does_not_know_is_replaced_only_after_a_question(desk):
     desk.connected()
     apart(lambda: desk.bench.board.command("layout begin"))
@@ -537,6 +538,7 @@ MESSAGES = (
 )
 
 
+@pytest.mark.board
 def test_only_the_token_edits(desk, tmp_path):
     desk.connected()
     before, stored = desk.shown(), desk.on_board()
@@ -607,6 +609,7 @@ def test_long_messages_are_refused(desk):
     assert desk.send(b" " * 70_000)[0] == 413
 
 
+@pytest.mark.board
 def test_fuzzed_messages_change_nothing(tmp_path):
     state = PageState()
     editor = LayoutEditor(tmp_path / "mine.toml", DIGITS, state)

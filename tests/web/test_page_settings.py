@@ -330,6 +330,7 @@ BAD = (
 )
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", KINDS)
 def test_a_wrong_message_of_settings_is_refused(desk, caplog, name):
     desk.connected()
