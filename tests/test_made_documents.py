@@ -1,6 +1,7 @@
 """The programs that write pages and pictures of the documents run, in a short form.
 
-tests/calibrate/test_figures.py runs the one for paper.md.
+tests/calibrate/test_figures.py runs the one for paper.md, and tests/linkage/test_maps.py the one
+for linkage.md.
 """
 
 import asyncio
@@ -8,14 +9,12 @@ import re
 from functools import partial
 from pathlib import Path
 
-import msgspec
 import pytest
 from make import (
     applications_page,
     battery_page,
     cheapest_page,
     link_states,
-    linkage_page,
     parts_page,
     pictures,
     press,
@@ -24,36 +23,10 @@ from make import (
 )
 
 from evidence import effects
-from spots_sim.measure import survey
-from spots_sim.strip.files import load
 
 pytestmark = pytest.mark.board
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
-
-
-def test_the_page_of_the_linkage(tmp_path, monkeypatch):
-    def short(kind, name):
-        file = load(kind, name)
-        return msgspec.structs.replace(file, stroke=file.stroke[-1:]) if name == "sust" else file
-
-    ideal, *_ = linkage_page.STRIPS
-    monkeypatch.setattr(linkage_page, "STRIPS", {ideal: linkage_page.STRIPS[ideal]})
-    monkeypatch.setattr(linkage_page, "ONE_BOARD", {ideal: range(1)})
-    monkeypatch.setattr(linkage_page, "SEEDS", range(1))
-    monkeypatch.setattr(linkage_page, "EXPOSURES_US", (30_000,))
-    monkeypatch.setattr(linkage_page, "load", short)
-    monkeypatch.setattr(linkage_page, "survey", partial(linkage_page.survey, pitch_mm=40.0))
-    monkeypatch.setattr(survey, "CALIBRATION_PLACES", 12)
-    linkage_page.main(tmp_path)
-    assert {path.name for path in tmp_path.rglob("*.*")} == {
-        "linkage.md", "angles.png", "deviation.png", "sust.png"
-    }  # fmt: skip
-    text = (tmp_path / "evidence" / "linkage.md").read_text(encoding="utf-8")
-    assert "places, mean of a stop | 0." in text
-    (mm,) = re.findall(r"^Accuracy .*: at most (\S+) mm with ideal strips\.$", text, re.MULTILINE)
-    (row,) = re.findall(r"^\| fitted to \d+ places \| .* to (\S+) \|$", text, re.MULTILINE)
-    assert float(mm) == pytest.approx(float(row), abs=0.0051)
 
 
 def test_the_page_of_the_applications(tmp_path, monkeypatch):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+from unittest.mock import create_autospec
 
 import msgspec
 import numpy as np
@@ -55,16 +56,19 @@ def test_along_a_line_one_joint_stands(joint):
 
 
 @pytest.mark.board
-def test_every_picture_is_drawn(files, found, run, tmp_path):
-    sensor, linkage, _ = files
-    mechanism = Mechanism(linkage, sensor)
-    drawn = Linkage(linkage.bar_mm, linkage.base_mm)
-    for path in (
-        maps.angles(drawn, tmp_path / "angles.png", mechanism=mechanism),
-        maps.deviation(found, tmp_path / "deviation.png"),
-        maps.trajectory(run, tmp_path / "sust.png"),
-    ):
-        assert path.stat().st_size > 10_000
+def test_the_program_of_the_page_writes_it_and_its_pictures(found, run, tmp_path, monkeypatch):
+    for name, result in (("survey", found), ("follow", run)):
+        monkeypatch.setattr(page, name, create_autospec(getattr(page, name), return_value=result))
+    page.main(tmp_path)
+    sizes = {path.name: path.stat().st_size for path in tmp_path.rglob("*.*")}
+    assert sizes.keys() == {"linkage.md", "angles.png", "deviation.png", "sust.png"}
+    assert min(sizes.values()) > 4000
+    text = (tmp_path / "evidence" / "linkage.md").read_text(encoding="utf-8")
+    assert "places, mean of a stop | 0." in text
+    (said,) = re.findall(r"^Accuracy .* ideal strips, .*", text, re.MULTILINE)
+    (row,) = re.findall(r"^\| fitted to \d+ places \| .* to (\S+) \|$", text, re.MULTILINE)
+    found_mm = [float(mm) for mm in re.findall(r"(\S+) mm with", said)]
+    assert found_mm == [pytest.approx(float(row), abs=0.0051)] * len(found_mm) != []
 
 
 @pytest.mark.board
