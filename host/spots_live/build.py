@@ -15,10 +15,10 @@ from collections.abc import Collection
 from importlib import resources
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
-from spots.deploy.build import build as build_firmware
-from spots.deploy.build import files_of
+from spots.deploy.build import compiled, files_of
 from spots.deploy.staging import device_of
 from spots.keyboard.layout import load as load_layout
 from spots_device import PROTOCOL, __version__
@@ -41,6 +41,8 @@ def build(folder: Path, micropython: Path, strips: Collection[str] = tuple(STRIP
         shutil.copytree(path, folder)
     with resources.as_file(own) as path:
         shutil.copytree(path, folder, dirs_exist_ok=True)
+    with resources.as_file(resources.files("spots_sim") / "chip") as path:
+        shutil.copytree(path, folder / "chip", ignore=shutil.ignore_patterns("*.py", "__pycache__"))
     (folder / "board.py.in").rename(folder / "board.py")
     there = folder / "micropython"
     there.mkdir()
@@ -62,15 +64,12 @@ def build(folder: Path, micropython: Path, strips: Collection[str] = tuple(STRIP
 
 
 def _firmware() -> dict:
-    with tempfile.TemporaryDirectory() as temporary:
-        files = files_of(build_firmware("virtual", Path(temporary)))
-    # A tab has no radio.
-    package = {
-        name: data
-        for name, data in files.items()
-        if name.startswith("spots_device/") and not name.startswith("spots_device/radio/")
-    }
-    config = {**device_of("virtual").device, "BLUETOOTH": False}
+    device = device_of("virtual")
+    config = {**device.device, "BLUETOOTH": False}  # a tab has no radio
+    with tempfile.TemporaryDirectory() as folder:
+        compiled(msgspec.structs.replace(device, device=config), Path(folder))
+        files = files_of(Path(folder))
+    package = {name: data for name, data in files.items() if name.startswith("spots_device/")}
     return {
         "id": BOARD_ID,
         "version": __version__,

@@ -29,9 +29,9 @@ from spots.calibrate.session.spectra import SpectrumReader
 from spots.errors import CalibrationError
 from spots.link.connect import open_named
 from spots_sim.demo.virtual import VIRTUAL
-from spots_sim.options import given
 from spots_sim.person.stage import Stage
 from spots_sim.strip.change import NONE, Change
+from spots_sim.strip.defaults import given
 from spots_sim.strip.files import SensorFile, load
 from spots_sim.strip.optics import Optics
 from spots_sim.strip.scenario import Press

@@ -11,8 +11,8 @@ from spots.link.board import Board
 
 from .optional import zenoh
 from .ros2.naming import Attachment, service_name, unpacked
-from .ros2.node import RosNode
 from .ros2.types import EMPTY, REPLY, packed, service, store
+from .ros_node import RosNode
 from .zenoh_session import READ_ONLY
 
 # Pause between two rounds of answers: at least `_EVERY_S`, and at least ten times the duration of

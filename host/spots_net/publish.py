@@ -34,8 +34,8 @@ from .ros2.naming import (
     short_name,
     topic_name,
 )
-from .ros2.node import RosNode
 from .ros2.types import FRAME, packed, topic
+from .ros_node import RosNode
 from .sending import kind_of, values
 from .zenoh_session import open_session
 

@@ -6,25 +6,9 @@ import argparse
 
 from spots.cli import arguments
 
-_DEFAULTS = {
-    "sensor": "default",
-    "scenario": "demo",
-    "seed": 0,
-    "path": None,
-    "exposure_us": None,
-    "picture": None,
-}
-
-
-def given(options: argparse.Namespace | None) -> argparse.Namespace:
-    """Return options of the command line, with the defaults of the simulator's options."""
-    found = {**vars(options)} if options else {}
-    found |= {name: one for name, one in _DEFAULTS.items() if found.get(name) is None}
-    return argparse.Namespace(**found)
-
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a virtual board, whose defaults `given` has."""
+    """Add the options of a virtual board, whose defaults `strip.defaults.given` has."""
     group = parser.add_argument_group("virtual board")
     group.add_argument(
         "--sensor",
@@ -40,7 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_linkage_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a simulated linkage, whose defaults `given` has."""
+    """Add the options of a simulated linkage, whose defaults `strip.defaults.given` has."""
     group = parser.add_argument_group("simulated linkage")
     group.add_argument(
         "--path", metavar="FILE", help="path of the end point: a .toml file, or a name such as sust"

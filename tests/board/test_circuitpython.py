@@ -8,7 +8,7 @@ from support.boards import DEADLINE_S, running, until
 from support.refusals import refusal
 
 import spots
-from spots.deploy.staging import stage
+from spots.deploy.staging import device_of, stage
 from spots.errors import BoardError
 from spots.link.board import Board
 from spots.link.connect import prepare
@@ -95,7 +95,7 @@ def test_what_is_saved_is_there_after_a_reboot_for_boot_py_lets_the_board_write(
 
 @pytest.mark.usefixtures("own_firmware")
 def test_a_drive_that_is_the_hosts_refuses_a_save_and_the_board_goes_on(sensor, tmp_path):
-    stage(BOARD, tmp_path)
+    stage(device_of(BOARD), tmp_path)
     boot = tmp_path / "spots_device" / "board" / "circuitpython.py"
     remount = '    storage.remount("/", readonly=False)\n'
     assert remount in boot.read_text()
@@ -144,7 +144,7 @@ def start(tmp_path):
 
     It returns the names of the data port and of the console.
     """
-    stage(BOARD, tmp_path)
+    stage(device_of(BOARD), tmp_path)
     with contextlib.ExitStack() as boards:
 
         def begin():

@@ -51,8 +51,8 @@ def test_machine_code_changes_no_byte_of_the_stream(capsys, monkeypatch, seed):
     portable = figures(capsys, "--seed", seed)
     staged = []
 
-    def with_viper(board, folder, strips):
-        stage(board, folder, strips)
+    def with_viper(device, folder):
+        stage(device, folder)
         package = folder / "spots_device"
         firmware = Path(spots_device.__file__).parent
         for path in firmware.rglob(f"*{VIPER}.py"):

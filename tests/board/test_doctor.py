@@ -12,7 +12,7 @@ from spots.calibrate.calibration_file import INDENTER
 from spots.calibrate.pressers import marked
 from spots.cli import main
 from spots.deploy.doctor import examine, examine_board
-from spots.deploy.staging import stage
+from spots.deploy.staging import device_of, stage
 from spots.keyboard.layout import load as layout
 from spots.link.connect import upload
 from spots.link.finder import finder
@@ -196,7 +196,7 @@ def test_a_fault_at_the_start_of_the_board_is_reported_until_it_is_saved():
 
 @pytest.mark.board
 def test_a_board_with_a_damaged_file_is_reported_by_every_view(tmp_path, capsys):
-    stage("virtual", tmp_path)
+    stage(device_of("virtual"), tmp_path)
     with virtual_board(tmp_path) as port:
         assert main(["command", "--port", port, "set", "average=2"]) == 0
         assert main(["command", "--port", port, "save"]) == 0
@@ -295,7 +295,7 @@ def test_a_mark_that_nobody_presses_is_reported():
 
 @pytest.mark.board
 def test_monitor_ends_with_the_next_step_where_a_board_is_not_calibrated(tmp_path, capsys):
-    stage("virtual", tmp_path)
+    stage(device_of("virtual"), tmp_path)
     with virtual_board(tmp_path) as port:
         assert main(["monitor", "--port", port, "--seconds", "0.5"]) == 0
     assert capsys.readouterr().err == "next: spots calibrate\n"

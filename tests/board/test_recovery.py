@@ -14,7 +14,7 @@ from support.boards import DEADLINE_S, refused, until, virtual_board
 import spots
 from spots.cli import main
 from spots.deploy.doctor import examine
-from spots.deploy.staging import stage
+from spots.deploy.staging import device_of, stage
 from spots.errors import PortError
 from spots.link.serial_link import SerialLink
 from spots_device.board.store import Store
@@ -27,7 +27,7 @@ PROMPT = b"raw REPL; CTRL-B to exit\r\n>"
 @pytest.fixture
 def start(tmp_path):
     """Return a function that starts a board with the files in `tmp_path`; it returns the port."""
-    stage("virtual", tmp_path)
+    stage(device_of("virtual"), tmp_path)
     with contextlib.ExitStack() as boards:
         yield lambda: boards.enter_context(virtual_board(tmp_path))
 

@@ -202,8 +202,8 @@ def test_what_the_chip_made_was_taken_or_missed(sensor, board, exposure_us, busy
 def test_an_upload_gets_every_reply_however_slow_the_writes_of_the_board_are(
     sensor, calibration, monkeypatch
 ):
-    def staged(board, folder, strips):
-        stage(board, folder, strips)
+    def staged(device, folder):
+        stage(device, folder)
         path = folder / "spots_device/runtime/micropython.py"
         write = "self._out(block, _BLOCK)"
         assert write in path.read_text()

@@ -10,7 +10,6 @@ import pytest
 from support.refusals import refusal
 
 import spots
-from spots.deploy import staging
 from spots.errors import BoardError, PortError
 from spots.link.board import Board
 from spots.link.connect import prepare, upload
@@ -22,6 +21,7 @@ from spots_device.board.settings import checksum
 from spots_device.keys.layout import action
 from spots_device.reading.decode import DROPPED
 from spots_device.usb.usages import KEYBOARD
+from spots_sim.board import vm
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.chip.bus import I2CBus, MultiplexedBus
 from spots_sim.chip.converter import STEP_US
@@ -364,7 +364,7 @@ PINS = {
 @pytest.fixture(params=BOARDS)
 def multiplexed(request, monkeypatch, own_firmware):
     """A board with two strips on one I2C bus, behind a multiplexer."""
-    known = staging.device_of
+    known = vm.device_of
 
     def device_of(board, strips=1):
         device = known(board, strips)
@@ -372,7 +372,7 @@ def multiplexed(request, monkeypatch, own_firmware):
             sensor |= PINS[request.param] | {"MUX_CHANNEL": channel}
         return device
 
-    monkeypatch.setattr(staging, "device_of", device_of)
+    monkeypatch.setattr(vm, "device_of", device_of)
     scenario = Scenario(load(ScenarioFile, "demo"))
     link = LockstepLink(SENSOR, scenario, 1, board=request.param, second=(scenario, 2))
     link.bus = MultiplexedBus((link.bus.chip, link.second.chip), link.clock)

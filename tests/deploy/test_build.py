@@ -66,7 +66,7 @@ def test_circuitpython_looks_up_no_name_of_a_constant(built):
 @pytest.mark.parametrize("module", VIPER)
 def test_a_board_has_one_form_of_a_module_by_one_name(board, viper, module, tmp_path):
     assert device_of(board).viper is viper
-    stage(board, tmp_path)
+    stage(device_of(board), tmp_path)
     forms = list((tmp_path / "spots_device").glob(f"{module}*"))
     assert forms == [tmp_path / "spots_device" / f"{module}.py"]
     assert ("@micropython.viper" in forms[0].read_text()) is viper
@@ -205,7 +205,7 @@ def test_the_list_of_boards(capsys):
 
 def test_the_package_for_mip_lists_the_firmware(tmp_path):
     package = json.loads((Path(__file__).parents[2] / "firmware" / "package.json").read_text())
-    stage("virtual", tmp_path)
+    stage(device_of("virtual"), tmp_path)
     # board_config.py differs between boards.
     wanted = set(files_of(tmp_path)) - {"board_config.py"}
     assert [target for target, _ in package["urls"]][-1] == "main.py"

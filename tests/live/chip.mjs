@@ -2,8 +2,8 @@
 // input is a JSON list of steps; each line of standard output is the list of the answers.
 
 import readline from "node:readline";
-import { AS7341 } from "../../host/spots_live/static/chip/as7341.js";
-import { I2CBus } from "../../host/spots_live/static/chip/bus.js";
+import { AS7341 } from "../../host/spots_sim/chip/as7341.js";
+import { I2CBus } from "../../host/spots_sim/chip/bus.js";
 
 function run({ noise, draws, steps }) {
   let drawn = 0, rates = {};

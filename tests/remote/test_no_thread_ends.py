@@ -349,7 +349,7 @@ time.sleep(10)
                 "spots_net/subscribe.py",
             },
         ),
-        (r"declare_queryable\(", {"spots_net/ros2/node.py"}),
+        (r"declare_queryable\(", {"spots_net/ros_node.py"}),
         # In `ble_link.py`, the caller of the thread waits for each task.
         (
             r"create_task\(|call_soon",

@@ -241,7 +241,7 @@ def test_one_editor_is_open_at_a_time(desk, open_page):
 
 
 SHAPE = """async ([axis, values]) => {
-  const { deflection, shaped, oneEuro } = await import("/static/settings/shaping.js");
+  const { deflection, shaped, oneEuro } = await import("/static/settings/axis.js");
   const filter = oneEuro();
   return values.map(([value, dt_s]) => {
     const u = deflection(value, axis.rest, axis.low ?? -Infinity, axis.high);

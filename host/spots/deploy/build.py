@@ -52,7 +52,7 @@ def build(board: str, root: Path = Path("build"), strips: int = 1) -> Path:
             target,
         )
     try:
-        _build(device, target, strips)
+        _build(device, target)
     except OSError as error:
         # `shutil.copytree` raises an error with a list of (source, destination, reason).
         is_tree = isinstance(error, shutil.Error)
@@ -65,19 +65,14 @@ def build(board: str, root: Path = Path("build"), strips: int = 1) -> Path:
     return target
 
 
-def _build(device: Device, target: Path, strips: int) -> None:
+def _build(device: Device, target: Path) -> None:
     root = target.parent
     root.mkdir(parents=True, exist_ok=True)
     # In the same folder as the target: a rename within one file system is atomic.
     with atomic.folder(root) as temporary:
         fresh = temporary / "new"
         fresh.mkdir()
-        stage(device.name, fresh, strips)
-        package = fresh / "spots_device"
-        constants.inline(package, _WORDS_OF_32_BITS)
-        # CircuitPython does not load the files of MicroPython's mpy-cross.
-        if device.runtime == "micropython":
-            _compile(package, device)
+        compiled(device, fresh)
         entries = manifest.entries_of(files_of(fresh))
         (fresh / manifest.MANIFEST).write_bytes(manifest.write(entries))
         old = temporary / "old"
@@ -89,6 +84,16 @@ def _build(device: Device, target: Path, strips: int) -> None:
             if old.exists():
                 old.rename(target)
             raise
+
+
+def compiled(device: Device, folder: Path) -> None:
+    """Write the firmware's files for a board, without a manifest, into an empty folder."""
+    stage(device, folder)
+    package = folder / "spots_device"
+    constants.inline(package, _WORDS_OF_32_BITS)
+    # CircuitPython does not load the files of MicroPython's mpy-cross.
+    if device.runtime == "micropython":
+        _compile(package, device)
 
 
 def _is_build(target: Path) -> bool:

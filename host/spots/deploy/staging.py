@@ -153,13 +153,11 @@ def names(runtime: str) -> set[str]:
     return {*ENTRIES[runtime], CONFIG, *forms}
 
 
-def stage(board: str, folder: Path, strips: int = 1) -> None:
+def stage(device: Device, folder: Path) -> None:
     """Copy a board's firmware, libraries and board_config.py as sources into an empty folder.
 
-    SpotsError if the board is unknown or cannot have this number of strips, or a library is not
-    installed on this computer.
+    RequirementError if a library is not installed on this computer.
     """
-    device = device_of(board, strips)
     sensors = device.device.get("SENSORS", ())
     for library in LIBRARIES[device.runtime]:
         _copy_library(library, folder / "lib")
@@ -171,7 +169,7 @@ def stage(board: str, folder: Path, strips: int = 1) -> None:
             "__pycache__",
             f"*{others}.py",
             *([] if device.viper else [f"*{VIPER}.py"]),
-            *([] if strips > 1 else _SEVERAL),
+            *([] if sensors else _SEVERAL),
             *([] if device.device.get("BLUETOOTH") else [_RADIO]),
             *([] if any("MUX_CHANNEL" in one for one in sensors) else [_MULTIPLEXER]),
         ),

@@ -76,11 +76,12 @@ class _Table:
 
 
 _TABLES = {kind: _Table(*layout) for kind, layout in LAYOUTS.items()}
-# Bytes of an encoded frame, by kind; a note without content has the smallest size.
-_SIZES = [(kind, table.size) for kind, table in _TABLES.items()]
-_SIZES.append((NOTE, HEADER_SIZE + CRC_SIZE + _COBS_SIZE))
-_SIZES.append((frame.SPECTRUM, _TABLES[frame.SPECTRUM].size - len(SPECTRUM_REST)))
-_REST = np.frombuffer(SPECTRUM_REST, np.uint8)[:, np.newaxis]
+# Kind, bytes when encoded, and what completes the body, of each frame that is decoded in groups. A
+# note without content has the smallest size.
+_SIZES = [(kind, table.size, b"") for kind, table in _TABLES.items()]
+_SIZES.append((NOTE, HEADER_SIZE + CRC_SIZE + _COBS_SIZE, b""))
+_SHORT = _TABLES[frame.SPECTRUM].size - len(SPECTRUM_REST)
+_SIZES.append((frame.SPECTRUM, _SHORT, SPECTRUM_REST))
 
 
 # By kind of frame: indices of its pieces, and their payloads, shape (bytes, number of pieces).
@@ -126,7 +127,7 @@ class _BlockDecoder(Decoder):
         headers = np.zeros((HEADER_SIZE, len(starts)), np.uint8)
         plain = np.zeros(len(starts), bool)
         groups: _Groups = {}
-        for kind, size in _SIZES:
+        for kind, size, rest in _SIZES:
             where = np.flatnonzero(ends - starts == size)
             if not len(where):
                 continue
@@ -134,8 +135,9 @@ class _BlockDecoder(Decoder):
             where = where[good]
             right = columns[0] & 0x0F == kind
             where, columns = where[right], columns if right.all() else columns[:, right]
-            if kind == frame.SPECTRUM and len(columns) < _TABLES[kind].size - CRC_SIZE - _COBS_SIZE:
-                columns = np.concatenate([columns, _REST.repeat(len(where), axis=1)])
+            if rest:
+                same = np.frombuffer(rest, np.uint8)[:, np.newaxis].repeat(len(where), axis=1)
+                columns = np.concatenate([columns, same])
             groups[kind] = _merged(where, columns, groups.get(kind))
             headers[:, where] = columns[:HEADER_SIZE]
             plain[where] = True

@@ -15,7 +15,7 @@ export function draw() {
 }
 
 // `files`: the firmware, by path, as bytes. `glue`: the text of board.py.in. `light`: see light.js. `noise`: see
-// chip/converter.js. `onBytes(bytes)` gets what the board sends; `onReport(name, report)` its USB reports.
+// converter.js. `onBytes(bytes)` gets what the board sends; `onReport(name, report)` its USB reports.
 // `hardware` is that of board.py.in in place of a simulated one.
 export async function simulatedBoard({ files, glue, config, id, light, noise, onBytes, onReport, hardware, onPrint = console.log }) {
   const clock = { timeUs: 0 }, toBoard = [];

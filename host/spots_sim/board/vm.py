@@ -103,7 +103,7 @@ class MicroPythonProcess:
                 shutil.copy(shared / _FILES / entry, self.folder)
             path = f":{shared / _FILES}:{shared / _FILES / 'lib'}:{shared / _MODULES}{path}"
         elif not blank:
-            stage(board, self.folder, strips)
+            stage(device_of(board, strips), self.folder)
         launcher = BOARDS / board / _CIRCUITPYTHON
         self._entry = launcher if launcher.exists() else self.folder.resolve() / "main.py"
         self._environment = {
@@ -212,16 +212,17 @@ def _shared_firmware(board: str, strips: int) -> Path | None:
     As on a real board, constants are replaced by their values. Main files stay source code. Returns
     None if `kept_folder` has no place to store it.
     """
+    device = device_of(board, strips)
 
     def make(folder: Path) -> None:
         (folder / _FILES).mkdir()
-        stage(board, folder / _FILES, strips)
+        stage(device, folder / _FILES)
         inline(folder / _FILES / "spots_device")
         sources = shutil.ignore_patterns("__pycache__", "*.toml", "_circuitpython.py", "_slow.py")
         for modules in (_COMMON, BOARDS / board):
             shutil.copytree(modules, folder / _MODULES, ignore=sources, dirs_exist_ok=True)
         for source in sorted(folder.rglob("*.py")):
-            if source.name not in ENTRIES[device_of(board).runtime]:
+            if source.name not in ENTRIES[device.runtime]:
                 name = source.relative_to(folder).as_posix()
                 command = [*mpy_cross_command(), "-s", name, str(source)]
                 subprocess.run(command, check=True, capture_output=True)

@@ -22,7 +22,7 @@ from ..board.runtimes import headline
 from ..measure import maps
 from ..measure.simulated_linkage import EXPOSURE_US, PATH, Endless
 from ..measure.survey import follow
-from ..options import given
+from ..strip.defaults import given
 from ..strip.files import (
     LinkageFile,
     PathFile,

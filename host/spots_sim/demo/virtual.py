@@ -37,10 +37,10 @@ from spots.link.serial_link import SerialLink
 from ..board.runtimes import is_cpython
 from ..board.starting import end as end_process
 from ..board.vm import micropython_command
-from ..options import given
 from ..person.person import follow_pipe
 from ..person.stage import Stage, board_lines, calibrate, set_as_calibrated
 from ..person.stage_presser import StagePresser
+from ..strip.defaults import given
 from ..strip.files import ScenarioFile, SensorFile, load
 from .linkage_demo import Endless, endless
 

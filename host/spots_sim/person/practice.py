@@ -21,7 +21,7 @@ from spots.calibrate.session.session_file import Session
 from spots.errors import SettingError
 from spots_device.reading.calibration import Calibration
 
-from ..options import given
+from ..strip.defaults import given
 from ..strip.files import SensorFile, load
 from .person import Habits, Person, follow
 from .stage import Stage

@@ -3,7 +3,7 @@ import { button } from "../controls.js";
 import { canvas, colours, make, placed } from "../dom.js";
 import { choice, complete, fieldsOf } from "../settings/fields.js";
 import { settingsEditing } from "../settings/engine.js";
-import { deflection, oneEuro, range, shaped } from "../settings/shaping.js";
+import { deflection, oneEuro, range, shaped } from "../settings/axis.js";
 
 // Length of a strip without a calibration; time that a chart shows; number of stored points; pause after
 // which the filter starts again; height and margin of a chart in px.

@@ -1,5 +1,4 @@
-// The six ADCs of a simulated AS7341. spots_sim/chip/converter.py describes it, and is its referee:
-// the same light and the same random numbers give the same counts.
+// converter.py for the live page: the same light and the same random numbers give the same counts.
 
 export const STEP_US = 2.78;  // unit of the integration time
 

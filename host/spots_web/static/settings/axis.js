@@ -1,5 +1,5 @@
-// Computes the signal of an axis as the controller does (controller/shaping.py, one_euro.py). A test
-// compares both implementations.
+// Computes the signal of an axis as the controller does: shaping, one_euro and gamepad_engine of the room
+// controller. A test compares both.
 
 // Returns the deflection of a value, -1 to 1: 0 at rest, -1 at the low end, 1 at the high end.
 export function deflection(value, rest, low, high) {

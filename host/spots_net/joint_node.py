@@ -4,11 +4,11 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from ..zenoh_session import open_session
-from .messages import POINT, header
-from .naming import DEFAULT_QOS, ros_domain
-from .node import RosNode
-from .types import packed, store, topic
+from .ros2.messages import POINT, header
+from .ros2.naming import DEFAULT_QOS, ros_domain
+from .ros2.types import packed, store, topic
+from .ros_node import RosNode
+from .zenoh_session import open_session
 
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 

@@ -1,5 +1,5 @@
-// A simulated AS7341 at register level, as spots_sim/chip/as7341.py with its default quirks, which
-// tests/live compares with this file byte by byte. It has no flicker detector: FD_STATUS is 0.
+// as7341.py for the live page, with its default quirks; tests/live compares both byte by byte. It has no flicker
+// detector: FD_STATUS is 0.
 //
 // `light.collect(startUs, endUs, ledMA)` returns what the photodiodes collect in an interval, in counts
 // at gain 1x by diode. All times are in us since power-on.

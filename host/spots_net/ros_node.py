@@ -7,8 +7,8 @@ from itertools import count
 
 import zenoh
 
-from ..zenoh_session import direct
-from .naming import Attachment, Node, Qos, Topic, gid_of
+from .ros2.naming import Attachment, Node, Qos, Topic, gid_of
+from .zenoh_session import direct
 
 _CDR = zenoh.Encoding.APPLICATION_CDR
 _SERVICE_QOS = "::,10:,:,:,,"  # all fields are the default

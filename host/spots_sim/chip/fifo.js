@@ -1,4 +1,4 @@
-// The FIFO of a simulated AS7341: it holds 128 values of two bytes each.
+// fifo.py for the live page: 128 values of two bytes each.
 
 const ENTRIES = 128;
 

@@ -1,4 +1,4 @@
-// A simulated I2C bus: acknowledgement and duration of its transfers, as spots_sim/chip/bus.py.
+// bus.py for the live page: acknowledgement and duration of transfers.
 import { ADDRESS } from "./as7341.js";
 
 export const ENODEV = 19;
