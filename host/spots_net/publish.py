@@ -101,7 +101,7 @@ class Publisher:
             self._health_pace = Pace(_HEALTH_PER_S)
             self._answers = Answers(board, self.name, node)
             self._copy = b""  # bytes that have arrived and are not published yet
-            board.tap(self._keep)
+            board.channel.taps.append(self._keep)
             # These frames announce the board. They come last, because readers then subscribe to
             # them and call the services.
             self._frames = node.publisher(frames, qos)

@@ -200,8 +200,8 @@ class BoardReader:
                     left = ()  # the board is still connected
                     return
                 # A pause in a recording is part of the recording.
-                paused = board.recorded and not board.ended
-                if board.silent(SEARCH_S) and not paused:
+                paused = board.channel.player is not None and not board.ended
+                if board.channel.loss.silent(board.now_s(), SEARCH_S) and not paused:
                     raise PortError("no readings arrive")
                 if board.stats.restarts != restarts:
                     return

@@ -52,7 +52,7 @@ class Rig:
     @property
     def replies(self):
         """What the board replied, also to lines that the test itself wrote."""
-        return [reply.content for reply in self.board._channel.replies]
+        return [reply.content for reply in self.board.channel.replies]
 
     def press(self, position_mm, force_mN):
         self.held.press = Press(position_mm, force_mN, 4.0)

@@ -69,9 +69,9 @@ def test_a_reply_that_is_late_or_lost_neither_stops_the_opening_nor_bends_time(
     sensor, for_s, loses
 ):
     with Board(LockstepLink(sensor, Held())) as board:
-        in_time = board._channel.clocks.clock
+        in_time = board.channel.clocks.clock
     with Board(HesitantAtSync(LockstepLink(sensor, Held()), for_s, loses)) as board:
-        late = board._channel.clocks.clock
+        late = board.channel.clocks.clock
     assert late.uncertainty_s < 0.001
     assert late.host_s(5_000_000, 5.0) == pytest.approx(in_time.host_s(5_000_000, 5.0), abs=0.002)
 

@@ -79,7 +79,7 @@ def test_shared_firmware_changes_no_byte_of_the_stream(
         scenario = Scenario(load(ScenarioFile, "demo"))
         with Board(LockstepLink(sensor, scenario, 3, folder, board=board)) as made:
             sent = []
-            made.tap(lambda data, now_s, sent=sent: sent.append(data))
+            made.channel.taps.append(lambda data, now_s, sent=sent: sent.append(data))
             upload(made, calibration)
             touches = list(made.touches(seconds=3))
             assert any(touch.touching for touch in touches)

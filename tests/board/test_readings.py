@@ -66,7 +66,7 @@ def test_samples_come_at_the_exposure_one_frame_each(rig, calibration):
 
 def test_time_stamps_are_those_of_the_scenario(rig, calibration):
     made = rig(calibration=calibration, scenario=Scenario(load(ScenarioFile, "demo")))
-    assert made.board._channel.clocks.clock.uncertainty_s < 0.001
+    assert made.board.channel.clocks.clock.uncertainty_s < 0.001
     sliding = [r for r in made.readings(450) if r.trusted and 2.9 < r.time_s < 3.5]
     assert len(sliding) > 50
     # At 85 mm/s, a time error of 1 ms is a position error of 85 um.

@@ -57,7 +57,7 @@ def test_a_silent_reader_costs_frames_but_no_bad_bytes_and_no_stall():
         board.command("set exposure_us=1000")
         board.command("stream touch")  # with spectra, there are frames without flags, too
         decoder, heard = spots.Decoder(), []
-        board.tap(lambda data, now_s: heard.extend(decoder.feed(data)))
+        board.channel.taps.append(lambda data, now_s: heard.extend(decoder.feed(data)))
         time.sleep(3)  # longer than the PTY's buffers last
         # The frames in the buffers are read first; then the stream continues.
         frames = list(board.frames(1.0))

@@ -220,7 +220,7 @@ def test_an_upload_gets_every_reply_however_slow_the_writes_of_the_board_are(
 def test_an_upload_costs_the_samples_of_one_parse_and_all_are_counted(rig, calibration):
     board = rig(cpu="pico").board
     decoder, heard = Decoder(), []
-    board.tap(lambda data, now_s: heard.extend(decoder.feed(data)))
+    board.channel.taps.append(lambda data, now_s: heard.extend(decoder.feed(data)))
     list(board.touches(seconds=0.2))
     upload(board, calibration)
     missed = board.command("get")["missed"]

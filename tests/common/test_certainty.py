@@ -25,12 +25,12 @@ def test_each_strip_has_the_sigma_of_its_own_calibration(sensor, calibration):
     with Board(LockstepLink(sensor, Held())) as board:
         touch = Touch(1, 1, 5000, 9, 0, 8 << 20, 42_000, 1500)
         OneStrip(board, 1).learn(calibration, {"average": 4})
-        assert list(board._channel.certainties) == [1]
+        assert list(board.channel.certainties) == [1]
         expected_um = Certainty.of(calibration, 4).sigma_of(42_000, 8.0)
-        assert with_sigma(touch, board._channel.certainties).sigma_um == round(expected_um, 1)
-        assert isnan(with_sigma(touch._replace(sensor=0), board._channel.certainties).sigma_um)
+        assert with_sigma(touch, board.channel.certainties).sigma_um == round(expected_um, 1)
+        assert isnan(with_sigma(touch._replace(sensor=0), board.channel.certainties).sigma_um)
         prepare(board, calibration)
-        assert sorted(board._channel.certainties) == [0, 1]
+        assert sorted(board.channel.certainties) == [0, 1]
 
 
 @pytest.mark.parametrize("force_mN", [500.0, 1000.0, 3000.0, 9000.0])

@@ -245,7 +245,7 @@ def test_the_newest_reading_of_a_board_that_came_back_is_had_again():
     assert board.latest().position_um == 42_000
     link.restart()
     link.streams = None  # restarted, and sends nothing yet
-    board._channel.restarted(link.now_s(), 0)
+    board.channel.restarted(link.now_s(), 0)
     assert board.latest() is None
 
 
@@ -324,6 +324,10 @@ def test_the_state_of_a_link():
     assert told == ["stalled", "connected", "lost", "refused", "connected"]
 
 
+def silent(board):
+    return board.channel.loss.silent(board.now_s(), SEARCH_S)
+
+
 def test_silence_and_state_are_by_the_clock_of_the_link():
     link, board = streaming()
     link.deaf, link.streams = {"sync"}, []
@@ -331,23 +335,23 @@ def test_silence_and_state_are_by_the_clock_of_the_link():
     seen = []
     while link.now_s() < last_s + 4.0:
         list(board.frames(0.01))
-        seen.append((round(link.now_s() - last_s, 2), board.state, board.silent(SEARCH_S)))
+        seen.append((round(link.now_s() - last_s, 2), board.state, silent(board)))
     stalled_s = next(at_s for at_s, state, _ in seen if state == STALLED)
-    silent_s = next(at_s for at_s, _, silent in seen if silent)
+    silent_s = next(at_s for at_s, _, is_silent in seen if is_silent)
     assert (stalled_s, silent_s) == (pytest.approx(0.5, abs=0.2), pytest.approx(2.0, abs=0.2))
     link.deaf = set()
     reading(board, 5)
-    assert (board.state, board.silent(SEARCH_S)) == (CONNECTED, False)
+    assert (board.state, silent(board)) == (CONNECTED, False)
     link.gone = 1_000_000
     list(board.frames(3.0))
-    assert (board.state, board.silent(SEARCH_S)) == (LOST, True)
+    assert (board.state, silent(board)) == (LOST, True)
 
 
 def test_nothing_is_silent_that_streams_nothing():
     link = StandIn(0)
     board = Board(link)
     link.sleep(100.0)
-    assert (board.state, board.silent(SEARCH_S)) == (CONNECTED, False)
+    assert (board.state, silent(board)) == (CONNECTED, False)
 
 
 def test_a_pause_of_a_recording_is_a_stall_as_it_was_then(tmp_path, monkeypatch):
@@ -369,7 +373,7 @@ def test_a_pause_of_a_recording_is_a_stall_as_it_was_then(tmp_path, monkeypatch)
 def test_another_board_is_refused_behind_a_tap_too():
     seen = []
     link, board = streaming()
-    board.tap(lambda data, now_s: seen.append(data))
+    board.channel.taps.append(lambda data, now_s: seen.append(data))
     link.gone, link.board_id = 1, "another"
     until(board, "refused")
     link.board_id = None

@@ -160,7 +160,7 @@ def test_the_latest_reading_is_what_is_there_and_costs_no_time():
     board = Board(link)
     link.read, read = (lambda timeout_s: b""), link.read
     began_s = link.now_s()
-    board._channel.wanted = {0: ["touch"]}
+    board.channel.wanted = {0: ["touch"]}
     link.streams = ["touch"]
     assert [board.latest() for _ in range(5)] == [None] * 5
     assert link.now_s() == began_s
@@ -171,7 +171,7 @@ def test_the_latest_reading_is_what_is_there_and_costs_no_time():
     assert board.latest() is first
     with refusal(SettingError):
         board.latest(sensor=1)
-    board._channel.loss.expect(link.now_s() - 10)  # no reading for ten seconds
+    board.channel.loss.expect(link.now_s() - 10)  # no reading for ten seconds
     assert board.latest() is None
 
 
@@ -181,7 +181,7 @@ def test_the_latest_reading_never_waits_for_a_thread_that_reads(strip):
     taken, release = threading.Event(), threading.Event()
 
     def reads():
-        with board._channel.turn:
+        with board.channel.turn:
             taken.set()
             release.wait(GIVE_UP_S)
 
@@ -197,7 +197,7 @@ def test_the_latest_reading_never_waits_for_a_thread_that_reads(strip):
 def arrive(board):
     """Let readings arrive that no iterator waits for, as during a command."""
     for _ in range(3):
-        board._channel.pump(0.01)
+        board.channel.pump(0.01)
 
 
 def test_an_iterator_yields_what_arrives_from_its_creation_on(strip):
@@ -205,7 +205,7 @@ def test_an_iterator_yields_what_arrives_from_its_creation_on(strip):
     first = take(board.touches(), 1)[0]
     arrive(board)
     touches, spectra = board.touches(), board.spectra()
-    created_us = board._channel.newest.touches[0].t_us
+    created_us = board.channel.newest.touches[0].t_us
     arrive(board)
     assert touches.unread
     touch = next(touches)
@@ -232,7 +232,7 @@ def test_an_iterator_that_is_never_advanced_needs_bounded_memory_and_only_while_
     _, board = strip
     idle = board.touches()
     list(board.touches(1.0))
-    log = board._channel.frames
+    log = board.channel.frames
     assert len(log._frames) == 50
     del idle
     list(board.touches(0.05))
@@ -246,7 +246,7 @@ def test_in_asyncio_too_readings_count_from_the_creation_on(strip):
     async def first():
         touches = board.atouches()
         arrive(board)
-        newest_us = board._channel.newest.touches[0].t_us
+        newest_us = board.channel.newest.touches[0].t_us
         async for touch in touches:
             return touch.t_us, newest_us
 
@@ -258,7 +258,7 @@ def test_readings_of_which_only_the_latest_is_wanted_are_not_kept(strip):
     _, board = strip
     for _ in range(300):
         board.latest()
-    assert len(board._channel.frames) == 0
+    assert len(board.channel.frames) == 0
     assert board.stats.overrun == 0
     keeps = board.touches()
     for _ in range(10):
@@ -268,7 +268,7 @@ def test_readings_of_which_only_the_latest_is_wanted_are_not_kept(strip):
 
 def test_a_timeout_that_is_too_short_names_the_call_that_does_not_wait(strip):
     link, board = strip
-    board._channel.wanted = {0: ["touch"]}
+    board.channel.wanted = {0: ["touch"]}
     link.streams = None
     with refusal(SettingError):
         board.read_latest(0)
@@ -286,7 +286,7 @@ def test_a_slow_board_has_time_for_its_newest_reading(strip):
     link.exposure_us = 1_500_000
     board.command("hello")
     link.streams, link.deaf = None, {"stream", "sync"}
-    board._channel.wanted = {0: ["touch"]}
+    board.channel.wanted = {0: ["touch"]}
     began_s = link.now_s()
     with refusal(PortError):
         board.read_latest()
@@ -428,7 +428,7 @@ def test_a_fault_in_a_thread_is_raised_in_asyncio_and_reported_by_a_subscription
 
     link = Broken()
     board = Board(link)
-    board._channel.wanted = {0: ["touch"]}
+    board.channel.wanted = {0: ["touch"]}
     link.streams = ["touch"]
     with pytest.raises(ZeroDivisionError):
         asyncio.run(asyncio.wait_for(read(board), GIVE_UP_S))

@@ -33,7 +33,7 @@ def lose(board, monkeypatch):
     """Return a function that loses the next replies to commands that begin with a text."""
 
     def lose(begin, times=1):
-        exchange, left = board._channel.exchange, [times]
+        exchange, left = board.channel.exchange, [times]
 
         def losing(line, timeout_s):
             reply = exchange(line, timeout_s)
@@ -42,7 +42,7 @@ def lose(board, monkeypatch):
                 return None
             return reply
 
-        monkeypatch.setattr(board._channel, "exchange", losing)
+        monkeypatch.setattr(board.channel, "exchange", losing)
         return left
 
     return lose

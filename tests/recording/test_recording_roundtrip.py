@@ -152,7 +152,7 @@ def test_a_recording_can_begin_in_the_middle_of_a_frame_and_of_a_stream(opened, 
 
     board._link.read = late
     next(touches)
-    assert board._channel.decoder.pending
+    assert board.channel.decoder.pending
     with Recorder(board, tmp_path / "a.spots"):
         while frames.unread:
             next(frames)

@@ -373,7 +373,7 @@ time.sleep(10)
             },
         ),
         # The caller awaits the result, so that it gets the exception.
-        (r"to_thread\(", {"spots/link/streams.py"}),
+        (r"to_thread\(", {"spots/link/readings.py"}),
         (r"ensure_future\(|TaskGroup\(|add_done_callback|start_new_thread", set()),
     ],
 )

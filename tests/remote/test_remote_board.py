@@ -71,7 +71,7 @@ def test_a_late_joiner_reads_all_from_then_on(net):
     # The clock of the substitute board is the monotonic clock of this machine.
     for touch in touches:
         error_s = touch.time_s % (2**32 / 1e6) - touch.t_us / 1e6
-        assert abs(error_s) <= board._channel.clocks.clock.uncertainty_s + 2e-6
+        assert abs(error_s) <= board.channel.clocks.clock.uncertainty_s + 2e-6
 
 
 class Typing(StandIn):

@@ -102,8 +102,6 @@ def test_wrong_arguments_of_a_board_are_named():
         ),
         (lambda: board.when_state_changes(5), "the callback must be a function, not 5"),
         (lambda: board.when_closed(None), "the callback must be a function, not None"),
-        (lambda: board.tap(5), "the callback must be a function, not 5"),
-        (lambda: board.silent("x"), "least_s must be a number of seconds, not 'x'"),
         (lambda: board.latest(9), "the board has no strip 9: its strips are 0"),
     ):
         with pytest.raises(spots.SpotsError, match=says):

@@ -375,7 +375,7 @@ def test_many_recordings_leave_nothing_in_the_way(sensor, tmp_path):
     with Board(LockstepLink(sensor, Held())) as board:
         for i in range(3):
             with Recorder(board, tmp_path / f"{i}.spots"):
-                assert len(board._channel.taps) == len(board._on_close) == 1
+                assert len(board.channel.taps) == len(board._on_close) == 1
 
 
 def test_a_request_may_follow_an_answer_at_once(tmp_path, monkeypatch):

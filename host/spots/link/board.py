@@ -9,7 +9,6 @@ The parts of a `Board`: `channel` (bytes, frames and replies), `commands`, `reco
 `streams`; `readings` has the methods that return frames.
 """
 
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from typing import Any, Literal, NoReturn, TypeVar, cast, overload
@@ -18,6 +17,7 @@ from ..errors import SettingError, StateError, printable
 from .channel import Channel
 from .commands import Commands
 from .frames import LinkStats, Reading
+from .lines import of_sensor
 from .link import Link
 from .readers import Handle
 from .readings import Readings
@@ -55,8 +55,11 @@ class Board(Readings, AbstractContextManager["Board"]):
     ----------
     read_only : bool
         True for a recording or a remote board, which no command can change.
-    recorded : bool
-        True for a recording.
+    channel : channel.Channel
+        What is below this object, for a program that stores the bytes of the link: they pass
+        through the functions in ``channel.taps``.
+    log : collections.deque of dict
+        The latest log lines of the board.
     calibration : list of str or None
         Lines of the latest calibration that this object uploaded to sensor 0; None if there was no
         upload; see also `advice.stored_calibration`.
@@ -83,14 +86,15 @@ class Board(Readings, AbstractContextManager["Board"]):
         if not hasattr(link, "now_s"):
             raise SettingError(f"a Board needs a link, not {link!r}: call spots.open(port)")
         self._link: Link = link
-        self._channel = Channel(link, only)
-        self._commands = Commands(self._channel)
-        self._connection = Connection(self._channel, self._commands)
-        self._streams = Streams(self._channel, self._commands, self._connection)
+        self.channel = Channel(link, only)
+        self._commands = Commands(self.channel)
+        self._connection = Connection(self.channel, self._commands)
+        self._streams = Streams(self.channel, self._commands, self._connection)
         self._on_close: list[Callable[..., None]] = []
         self._on_mark: list[Callable[..., None]] = []
-        self.read_only = self._channel.replying is not None
-        self.recorded = (player := self._channel.player) is not None
+        self.log = self.channel.log
+        self.read_only = self.channel.replying is not None
+        player = self.channel.player
         self.calibration: list[str] | None = None if player is None else player.calibration
         try:
             self._connection.open()
@@ -109,7 +113,7 @@ class Board(Readings, AbstractContextManager["Board"]):
         )
 
     def __repr__(self) -> str:
-        rate = self._channel.newest.rate_text
+        rate = self.channel.newest.rate_text
         return f"<Board {self.info['board']} on {self.port}: {self.state}, {rate}>"
 
     @property
@@ -118,12 +122,7 @@ class Board(Readings, AbstractContextManager["Board"]):
 
         Its ``calibration`` may have become invalid by such a change: ``command("hello")`` asks.
         """
-        return self._channel.info
-
-    @property
-    def log(self) -> deque[dict[str, Any]]:
-        """The latest log lines of the board."""
-        return self._channel.log
+        return self.channel.info
 
     @property
     def patience_s(self) -> float:
@@ -137,18 +136,13 @@ class Board(Readings, AbstractContextManager["Board"]):
     @property
     def ended(self) -> bool:
         """True after the end of a recording: no more frames will come."""
-        return self._streams.ended
-
-    @property
-    def doubts(self) -> Sequence[str]:
-        """What is wrong with the played part of a recording; empty for a board."""
-        player = self._channel.player
-        return () if player is None else player.doubts
+        player = self.channel.player
+        return player is not None and player.ended and not len(self.channel.frames)
 
     @property
     def stats(self) -> LinkStats:
         """Statistics of the link since the board was opened."""
-        return self._channel.stats
+        return self.channel.stats
 
     @property
     def state(self) -> str:
@@ -166,7 +160,7 @@ class Board(Readings, AbstractContextManager["Board"]):
 
         On a board with several strips, this is the rate of sensor 0.
         """
-        return self._channel.newest.rate_hz
+        return self.channel.newest.rate_hz
 
     @property
     def drift_ppm(self) -> float:
@@ -174,7 +168,7 @@ class Board(Readings, AbstractContextManager["Board"]):
 
         Valid after the board has streamed for a minute; before that, it may be 0.
         """
-        return -1e6 * self._channel.clocks.clock.slope
+        return -1e6 * self.channel.clocks.clock.slope
 
     @property
     def time_error_s(self) -> float:
@@ -182,30 +176,19 @@ class Board(Readings, AbstractContextManager["Board"]):
 
         Infinite before the clocks of board and host were compared.
         """
-        return self._channel.clocks.clock.uncertainty_s
+        return self.channel.clocks.clock.uncertainty_s
 
     @property
     def port(self) -> str:
         """Name of the board's port."""
-        return self._channel.port
-
-    def silent(self, least_s: float) -> bool:
-        """Return whether no reading has arrived for some time although readings are streamed.
-
-        Parameters
-        ----------
-        least_s : float
-            Time without a reading, in seconds, after which to return True. For a slow board, the
-            time of three readings is used if that is longer.
-        """
-        return self._channel.loss.silent(self.now_s(), duration_s(least_s, "least_s"))
+        return self.channel.port
 
     def now_s(self) -> float:
         """Return the host's time in seconds, by the same clock as `Touch.time_s`.
 
         For a recording, this is the time of the recording; for a simulation, the simulated time.
         """
-        return self._channel.now_s()
+        return self.channel.now_s()
 
     @overload
     def command(self, line: Literal["hello"], timeout_s: float | None = None) -> Hello: ...
@@ -281,9 +264,29 @@ class Board(Readings, AbstractContextManager["Board"]):
         """
         return cast("Changed", self._commands.set(settings))
 
+    def stream(self, *kinds: str) -> None:
+        """Make all strips stream these kinds of frames, and no other kinds.
+
+        For one strip, use ``command("stream touch sensor=1")``.
+
+        Parameters
+        ----------
+        *kinds : str
+            ``touch``, ``spectrum`` or ``contact``.
+
+        Raises
+        ------
+        BoardError
+            If the board refuses a kind.
+        NoReplyError
+            If the board does not answer.
+        """
+        for sensor in self.sensors:
+            self.command(of_sensor("stream " + " ".join(map(str, kinds)), sensor))
+
     def close(self) -> None:
         """Stop the streams and close the port. Idempotent; iterators then raise ClosedError."""
-        channel = self._channel
+        channel = self.channel
         if channel.closed:
             return
         channel.closed = True  # other threads stop using the link
@@ -325,36 +328,6 @@ class Board(Readings, AbstractContextManager["Board"]):
         """Register ``action(text)``, to be called by `mark`; return a `Handle`."""
         return Handle(self._on_mark, action)
 
-    def paused(self) -> AbstractContextManager[None]:
-        """Return a context manager: within it, no other thread reads from the board."""
-        return self._channel.turn
-
-    def decoding(self) -> Mapping[str, Any]:
-        """Return how the bytes of the link are decoded now, for a program that stores them.
-
-        Returns
-        -------
-        dict
-            ``clock``, the map of the board's clock to the host's, see
-            docs/program/recording-format.md; ``restarts``; ``sequence``, the number of the next
-            frame; ``begun``, the bytes of an incomplete frame.
-        """
-        decoder = self._channel.decoder
-        return {
-            "clock": self._channel.clocks.clock.state(),
-            "restarts": self.stats.restarts,
-            "sequence": decoder.expected,
-            "begun": decoder.pending,
-        }
-
-    def tap(self, look: Callable[[bytes, float], None]) -> Handle:
-        """Register ``look(data, now_s)``, which is called with all bytes that arrive from now on.
-
-        `now_s` is the link's time in seconds. The call comes before the bytes are decoded. Return a
-        handle that cancels the registration.
-        """
-        return Handle(self._channel.taps, look)
-
     def when_closed(self, action: Callable[[], None]) -> Handle:
         """Register ``action()``, to be called after the port is closed; return a `Handle`."""
         return Handle(self._on_close, action)
@@ -364,4 +337,4 @@ class Board(Readings, AbstractContextManager["Board"]):
 
         The call comes from the thread that waits for frames. It may be missing for ``closed``.
         """
-        return self._connection.when_state_changes(action)
+        return Handle(self._connection.on_state, action)

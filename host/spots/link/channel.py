@@ -22,6 +22,7 @@ from .turn import Turn
 
 # A board at its Python prompt (REPL) prints PROMPT after each line.
 PROMPT = b">>> "
+_SENSORS_MAX = 16  # the number of the sensor has four bits in a frame
 _TAIL_BYTES = 64  # number of latest bytes in which a prompt is looked for
 
 
@@ -56,6 +57,12 @@ class Channel:
         self.closed = False
         self.certainties: dict[int, Certainty] = {}
         self._tail = b""  # the latest bytes that have arrived
+
+    @property
+    def sensors(self) -> range:
+        """Numbers of the board's sensors, from 0."""
+        count: Any = self.info.get("sensors") if self.only is None else 1
+        return range(count if isinstance(count, int) and 0 < count <= _SENSORS_MAX else 1)
 
     @property
     def port(self) -> str:

@@ -1,31 +1,32 @@
 """The methods of a board that return frames: iterators, subscriptions, the newest reading."""
 
+import asyncio
+import math
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from typing import Any, TypeVar, overload
 
 from ..common.certainty import Certainty
-from ..errors import BoardError, SettingError
+from ..errors import BoardError, PortError, SettingError
 from .channel import Channel
+from .commands import Commands
 from .frames import Contact, Key, Reading, Spectrum, Touch
-from .lines import of_sensor
 from .readers import FrameIterator, Subscription, check_callback
+from .reconnect import Connection
 from .streams import KINDS, Streams
+from .timeouts import CONNECTED, duration_s, silent_s
+
+_LATEST_S = 2.0  # usual timeout of `read_latest`
 
 _ReadingT = TypeVar("_ReadingT", bound=Reading)
 
 
 class Readings:
-    """Base class of `board.Board`, which has the link and the commands."""
+    """The methods of `board.Board` that return frames; `Board` makes the attributes."""
 
-    _channel: Channel
+    channel: Channel
+    _commands: Commands
+    _connection: Connection
     _streams: Streams
-    read_only: bool
-    command: Callable[..., Any]
-
-    @property
-    def port(self) -> str:
-        """Name of the port."""
-        raise NotImplementedError
 
     def learn(self, lines: Sequence[str] | None, info: Mapping[str, Any], sensor: int = 0) -> None:
         """Compute `Touch.sigma_um` of the next readings of a sensor from its calibration.
@@ -40,34 +41,14 @@ class Readings:
             Number of the sensor.
         """
         found = Certainty.of(lines, info.get("average") or 1)
-        self._channel.certainties.pop(sensor, None)
+        self.channel.certainties.pop(sensor, None)
         if found is not None:
-            self._channel.certainties[sensor] = found
-
-    def stream(self, *kinds: str) -> None:
-        """Make all strips stream these kinds of frames, and no other kinds.
-
-        For one strip, use ``command("stream touch sensor=1")``.
-
-        Parameters
-        ----------
-        *kinds : str
-            ``touch``, ``spectrum`` or ``contact``.
-
-        Raises
-        ------
-        BoardError
-            If the board refuses a kind.
-        NoReplyError
-            If the board does not answer.
-        """
-        for sensor in self.sensors:
-            self.command(of_sensor("stream " + " ".join(map(str, kinds)), sensor))
+            self.channel.certainties[sensor] = found
 
     @property
     def sensors(self) -> range:
         """Numbers of the board's sensors, from 0."""
-        return self._streams.sensors
+        return self.channel.sensors
 
     def touches(self, seconds: float | None = None) -> FrameIterator[Touch]:
         """Iterate over the readings of all strips as they arrive.
@@ -114,9 +95,10 @@ class Readings:
             If the board's keys are off. ``command("set keys=1")`` turns them on. If the board is a
             USB keyboard, it then also types on the computer that it is plugged into.
         """
-        if not self.read_only and not self.command("hello")["keys"]:
+        channel = self.channel
+        if channel.replying is None and not self._commands.send("hello")["keys"]:
             raise BoardError(
-                f"the keys of the board on {self.port} are off: run 'spots command set keys=1'",
+                f"the keys of the board on {channel.port} are off: run 'spots command set keys=1'",
                 "keys_off",
             )
         self._streams.want(Touch)  # a stream that stops shows that the board has restarted
@@ -168,7 +150,22 @@ class Readings:
         ...     asyncio.run(count(board)) > 10
         True
         """
-        return self._streams.atouches(seconds)
+        self.channel.check_open()
+        lasts_s = math.inf if seconds is None else duration_s(seconds, "seconds")
+        return self._in_asyncio(self._streams.reader(Touch), lasts_s)
+
+    async def _in_asyncio(
+        self, touches: FrameIterator[Touch], lasts_s: float
+    ) -> AsyncGenerator[Touch, None]:
+        await asyncio.to_thread(self._streams.want, Touch)
+        touches.end_s = self.channel.now_s() + lasts_s
+        try:
+            while await asyncio.to_thread(touches.wait):
+                while touches.unread:
+                    yield next(touches)
+                    await asyncio.sleep(0)  # many unread readings must not block the loop
+        finally:
+            touches.close()
 
     @overload
     def subscribe(self, callback: Callable[[Touch], object]) -> Subscription[Touch]: ...
@@ -229,10 +226,28 @@ class Readings:
 
         Raises
         ------
-        SpotsError
+        PortError
             If no reading arrives in time.
+        SettingError
+            If it cannot arrive, because `timeout_s` is shorter than the time between two readings.
         """
-        return self._streams.read_latest(timeout_s)
+        channel, every_s = self.channel, self.channel.loss.every_s
+        if timeout_s is None:
+            timeout_s = silent_s(_LATEST_S, every_s)
+        timeout_s = duration_s(timeout_s, "timeout_s")
+        touches = self.touches(timeout_s)
+        with channel.turn:
+            self._connection.advance(0.0)
+        for latest in touches:  # waits for the first reading only
+            if not touches.unread:
+                return latest
+        none = f"no reading within {timeout_s:g} s from the board on {channel.port}"
+        if timeout_s < every_s:
+            raise SettingError(
+                f"{none}, which sends one every {every_s:g} s: wait longer, or call latest(), "
+                "which does not wait"
+            )
+        raise PortError(f"{none}: check its USB cable and the wires of its sensor")
 
     def latest(self, sensor: int = 0) -> Touch | None:
         """Return the newest reading that has arrived, without waiting for one; for a control loop.
@@ -256,6 +271,8 @@ class Readings:
 
         Raises
         ------
+        SettingError
+            If the board has no such strip.
         SpotsError
             If the board is closed, or lost for longer than `patience_s`.
 
@@ -266,4 +283,17 @@ class Readings:
         ...     board.latest().t_us >= first.t_us
         True
         """
-        return self._streams.latest(sensor)
+        channel = self.channel
+        channel.check_open()
+        if sensor not in self.sensors:
+            numbers = ", ".join(map(str, self.sensors))
+            raise SettingError(f"the board has no strip {sensor!r}: its strips are {numbers}")
+        # While another thread reads the link, `want` would wait for it.
+        if not channel.wanted or not all("touch" in kinds for kinds in channel.wanted.values()):
+            self._streams.want(Touch)
+        if channel.turn.take(0.0):  # otherwise another thread reads the link
+            try:
+                self._connection.advance(0.0)
+            finally:
+                channel.turn.give()
+        return channel.newest.touches.get(sensor) if self._connection.state == CONNECTED else None

@@ -11,7 +11,6 @@ from .clocksync import TRIPS, spread_s
 from .commands import HELLO_TIMEOUT_S, Commands
 from .frames import Text
 from .lines import of_sensor
-from .readers import Handle
 from .replies import Hello
 from .timeouts import ANSWER_S, CONNECTED, PATIENCE_S, WHO_S, WHO_TRIES
 
@@ -28,12 +27,13 @@ _STREAM_TRIES = 3  # attempts to resume the streams after a restart
 class Connection:
     """Identifies the board on a channel, and resumes its streams when they stop.
 
-    A streaming board may be unplugged for `patience_s` before PortLostError is raised.
+    A streaming board may be unplugged for `patience_s` before PortLostError is raised. At each
+    change of `state`, the functions in `on_state` are called with it.
     """
 
     def __init__(self, channel: Channel, commands: Commands):
         self._channel, self._commands = channel, commands
-        self._on_state: list[Any] = []
+        self.on_state: list[Any] = []
         self._reported_state = CONNECTED
         self.patience_s = PATIENCE_S
 
@@ -42,10 +42,6 @@ class Connection:
         """State of the connection, see `Board.state`."""
         channel = self._channel
         return "closed" if channel.closed else channel.loss.state(channel.now_s())
-
-    def when_state_changes(self, action: Any) -> Handle:
-        """Register ``action(state)``; see `Board.when_state_changes`."""
-        return Handle(self._on_state, action)
 
     def open(self) -> None:
         """Identify the board, and map its clock to the host's clock.
@@ -67,7 +63,7 @@ class Connection:
         state = self.state
         if state != self._reported_state:
             self._reported_state = state
-            for action in list(self._on_state):
+            for action in list(self.on_state):
                 action(state)
 
     def _hello(self) -> Hello:

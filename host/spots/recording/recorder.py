@@ -43,7 +43,8 @@ class Recorder(Writer):
 
     def __init__(self, board: Board, path: str | Path, *, rotate_bytes: int | None = None):
         self._handles: list[Handle] = []
-        if board.recorded:
+        channel = board.channel
+        if channel.player is not None:
             raise SettingError(f"{board.port} is already a recording: copy its file")
         info: dict[str, Any] = dict(board.command("hello"))
         if others := [board.command(of_sensor("hello", i)) for i in board.sensors[1:]]:
@@ -60,14 +61,16 @@ class Recorder(Writer):
                 "calibration": board.calibration or (calibrations and calibrations[0]),
                 "calibrations": (calibrations and calibrations[1:]) or None,
                 "dark": dark,
-                **{name: value for name, value in board.decoding().items() if name != "begun"},
+                "clock": channel.clocks.clock.state(),
+                "restarts": channel.stats.restarts,
+                "sequence": channel.decoder.expected,
             }
 
-        with board.paused():
-            begun = board.decoding()["begun"]
+        with channel.turn:  # no other thread reads from the board
+            begun = channel.decoder.pending
             super().__init__(board.now_s, path, describe, begun=begun, rotate_bytes=rotate_bytes)
             self._handles = [
-                board.tap(self.take),
+                Handle(channel.taps, self.take),
                 board.when_closed(self.stop),
                 board.when_marked(self.mark),
             ]

@@ -29,8 +29,9 @@ def doubted(board: Board) -> Board:
     """Return a board whose `close` prints what is wrong with a recording that has ended."""
 
     def warn() -> None:
-        if board.ended:  # not after Ctrl-C
-            print_doubts(board.port, board.doubts)
+        player = board.channel.player
+        if player is not None and board.ended:  # not after Ctrl-C
+            print_doubts(board.port, player.doubts)
 
     board.when_closed(warn)
     return board
