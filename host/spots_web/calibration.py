@@ -215,17 +215,16 @@ class PageCalibration(RequestQueue):
         fitted = {"presses": rows.tolist(), "thin": progress.thin, **sigmas}
         self._show(fitted=fitted, done=progress.done, total=progress.total)
 
-    def instruments(self, place_um: float | None, force_mN: float | None) -> None:
-        """Do nothing: a person has a real ruler and scale, except in `practice.PagePractice`."""
-
     def say(self, text: str) -> None:
         """Show a message to the person."""
         text = printable(text)
         kept = [] if text.endswith(_PASSING) else [text]
         self._show(note=text, said=[*self._shown["said"], *kept][-_SAID:])
 
-    def ask(self, question: str) -> str:
-        """Show a question, and wait for the answer of a browser."""
+    def ask(
+        self, question: str, place_um: float | None = None, force_mN: float | None = None
+    ) -> str:
+        """Show a question, and wait for the answer of a browser; see `Dialog.ask`."""
         self._step += 1
         self._show(phase=ASK, step=self._step, todo=printable(question))
         while (text := self._listen()) is None:

@@ -34,11 +34,10 @@ class PagePractice(PageCalibration):
         self._options.length_mm = start.length_mm
         practise(self._options, start.kind, 0, self)
 
-    def instruments(self, place_um: float | None, force_mN: float | None) -> None:
-        """Show a simulated ruler and scale with the next question, see `Dialog.instruments`."""
+    def ask(
+        self, question: str, place_um: float | None = None, force_mN: float | None = None
+    ) -> str:
         self._show(ruler={"place_um": place_um, "force_mN": force_mN})
-
-    def ask(self, question: str) -> str:
         try:
             return super().ask(question)
         finally:

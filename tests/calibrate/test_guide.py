@@ -52,8 +52,7 @@ def test_each_picture_is_erased_before_a_question(columns, rows):
         for i in range(10):
             guide.want(Wanted(kind="hand", place_um=8000.0 * i, force_mN=0.0, strain_ppm=0))
             guide.say(f"press {i} " + "and hold " * (3 * i))
-            guide.instruments(8000.0 * i, None)
-            assert guide.ask("what does the ruler show? ") == "1mm"
+            assert guide.ask("what does the ruler show? ", 8000.0 * i) == "1mm"
         guide.say("done")
     shown = screen(file.getvalue())
     assert sum("╭" in line for line in shown) == sum("╰" in line for line in shown) == 1

@@ -48,8 +48,7 @@ class _Shown:
 
     def ask(self, question: str) -> str:
         place_mm, force_mN = self._person.shown(question)
-        self._guide.instruments(place_mm and 1000 * place_mm, force_mN)
-        return self._guide.ask(question)
+        return self._guide.ask(question, place_mm and 1000 * place_mm, force_mN)
 
 
 class _PracticePresser(Presser):

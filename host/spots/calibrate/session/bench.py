@@ -128,8 +128,7 @@ class Bench:
                 return held
             except BadPressError as bad:
                 trouble = f"{wanted}: {bad}"
-                if wanted.angle_deg is None:  # the indenter of a joint stays on the strip
-                    self.release()
+                self.lift(wanted)
                 found = instead(held, bad)
             if found is None:
                 break
@@ -153,6 +152,11 @@ class Bench:
         self.presser.change(held.wanted)
         with self.reader.watched():
             self._steady(held, judge, before)
+
+    def lift(self, wanted: Wanted) -> None:
+        """Release the strip after a press; the indenter of a joint stays on it."""
+        if wanted.angle_deg is None:
+            self.release()
 
     def release(self) -> None:
         """Ask the presser to release the strip, and wait until the strip is released.

@@ -81,15 +81,14 @@ class Dialog(Protocol):
     def request(self, phase: str, text: str) -> None:
         """Show a request to press or to release the strip; the phase is `PRESS` or `RELEASE`."""
 
-    def instruments(self, place_um: float | None, force_mN: float | None) -> None:
-        """Show a simulated ruler and scale with the next question; only for practice.
-
-        `place_um` is the position of the finger in um, `force_mN` the force in mN; None for an
-        instrument that the question does not need.
-        """
-
     def say(self, text: str) -> None:
         """Show a message to the person."""
 
-    def ask(self, question: str) -> str:
-        """Block until a person answers a question, and return the answer."""
+    def ask(
+        self, question: str, place_um: float | None = None, force_mN: float | None = None
+    ) -> str:
+        """Block until a person answers a question, and return the answer.
+
+        In practice, a simulated ruler shows the position of the finger, and a simulated scale the
+        force; None for one that the question does not need.
+        """

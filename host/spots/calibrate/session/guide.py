@@ -50,7 +50,6 @@ class Guide:
         self._plan: tuple[str, ...] = ()
         self._length_um = 1.0
         self._done = self._total = 0
-        self._instruments: list[str] = []
 
     def __enter__(self) -> Guide:
         if self._console.is_terminal:
@@ -116,12 +115,6 @@ class Guide:
         """Show a request to press or to release the strip."""
         self.say(text)
 
-    def instruments(self, place_um: float | None, force_mN: float | None) -> None:
-        """Show a simulated ruler and scale with the next question; None without one of them."""
-        self._instruments = [] if place_um is None else ruler_lines(place_um)
-        if force_mN is not None:
-            self._instruments.append(f"scale: {force_mN / FORCES['g']:.0f} g")
-
     def say(self, text: str) -> None:
         """Show a message to the person."""
         text = printable(text)
@@ -130,7 +123,9 @@ class Guide:
             self._console.print(text, markup=False, soft_wrap=True)
         self._draw()
 
-    def ask(self, question: str) -> str:
+    def ask(
+        self, question: str, place_um: float | None = None, force_mN: float | None = None
+    ) -> str:
         """Ask a question and return the answer; drop what was typed before the question.
 
         StateError if standard input is closed; UndoError if the answer is ``undo``.
@@ -143,9 +138,11 @@ class Guide:
                 self._console.print(message, markup=False, soft_wrap=True, style="dim")
         stdin = self._stdin or sys.stdin
         typed_ahead.drop(stdin)
-        for line in self._instruments:
+        shown = [] if place_um is None else ruler_lines(place_um)
+        if force_mN is not None:
+            shown.append(f"scale: {force_mN / FORCES['g']:.0f} g")
+        for line in shown:
             self._console.print(line, markup=False, soft_wrap=True)
-        self._instruments = []
         self._console.print(printable(question), end="", markup=False)
         line = stdin.readline()
         if self._live is not None:

@@ -18,6 +18,7 @@ from ..fit.surface_sizes import Sizes
 from .bench import Bench, Held
 from .dialog import Dialog, Progress
 from .judge import BadPressError, TooDarkError, samples_of
+from .order import Order, store
 from .session_file import Session
 from .typed import grams
 
@@ -57,7 +58,7 @@ _ALONG, _FORCES = 33, 30  # number of positions and of forces that `material` co
 _UNSURE = 2.0  # below this multiple of the least force, the fitted light may fall with the force
 
 
-class NextBest:
+class NextBest(Order):
     """The presses by hand that improve the fit most, until the session has `count` of them.
 
     If many presses are refused or repeated, fewer are taken, down to `least`, so that the person
@@ -66,12 +67,12 @@ class NextBest:
     """
 
     def __init__(self, bench: Bench, session: Session, count: int, least: int, rough: bool):
-        self._bench, self._session, self._rough = bench, session, rough
-        self._count, self._least = count, least
+        super().__init__(bench, session)
+        self._count, self._least, self._rough = count, least, rough
         self._dark_mN = 0.0  # largest force that was too weak to light every channel
 
     def __iter__(self) -> Iterator[Wanted]:
-        bench, session, guide = self._bench, self._session, self._bench.guide
+        bench, session, guide = self.bench, self.session, self.bench.guide
         bench.begin("presses by hand", self._count)
         guide.skip(len(session.of("hand")))
         surface, removals, advised = _surface(session, bench.length_um), 0, False
@@ -112,9 +113,15 @@ class NextBest:
         self._dark_mN = wanted.force_mN
         return _wanted(wanted.place_um, min(_HARDER * wanted.force_mN, FULL_MN))
 
+    def store(self, held: Held, read: Wanted) -> None:
+        """Store a press; with a known force also its trace, to which the silicone is fitted."""
+        traced = {"trace": tuple(held.trace), "holds": tuple(held.holds)} if read.force_mN else {}
+        length_um = self.bench.length_um
+        store(self.bench, self.session, read, held.reading, length_um=length_um, **traced)
+
     def _total(self) -> int:
-        session = self._session
-        spent = self._bench.asked - (len(session.of("hand")) - session.begun)
+        session = self.session
+        spent = self.bench.asked - (len(session.of("hand")) - session.begun)
         return min(self._count, max(self._least, self._count + _OTHERS[self._rough] - spent))
 
 

@@ -1,63 +1,72 @@
-"""Takes the presses of a calibration session in an order: a planned list, or the next best one."""
+"""The loop that takes presses in an order, such as a planned list."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Protocol
 
 import numpy as np
 
 from ..fit.points import Wanted
 from . import baseline
-from .bench import Bench, Held
+from .bench import CONTINUES, Bench, Held
 from .judge import BadPressError
 from .session_file import Session, point
 from .spectra import Reading
 
 
-class Order(Protocol):
-    """Which presses to take. It is asked for the next one after the last one was stored."""
+class Order:
+    """Which presses to take, and what to store of them.
 
-    def __iter__(self) -> Iterator[Wanted]: ...
+    It is asked for the next press after the last one was stored. `session` has the earlier presses,
+    with which each one is compared; None if there are none. `given_up` is that of `Bench.take`.
+    """
+
+    given_up = CONTINUES
+
+    def __init__(self, bench: Bench, session: Session | None):
+        self.bench, self.session = bench, session
+
+    def __iter__(self) -> Iterator[Wanted]:
+        raise NotImplementedError
 
     def instead(self, held: Held, bad: BadPressError) -> Wanted | None:
-        """Return what to ask for after a bad press; None to end the session."""
+        """Return what to ask for after a bad press: the same one; None to end the session."""
+        return held.wanted
+
+    def store(self, held: Held, read: Wanted) -> None:
+        """Store a valid press, which was at the place that was read off."""
+        store(self.bench, self.session, read, held.reading, length_um=self.bench.length_um)
 
 
-class Planned:
+class Planned(Order):
     """The presses of a list that a session lacks."""
 
     def __init__(self, bench: Bench, session: Session, row: list[Wanted]):
-        self._bench, self._session, self._row = bench, session, row
+        super().__init__(bench, session)
+        self._row = row
 
     def __iter__(self) -> Iterator[Wanted]:
         for wanted in self._row:
-            if self._session.has(wanted, self._bench.reader.conditions.plan):
-                self._bench.guide.skip()
+            if self.session.has(wanted, self.bench.reader.conditions.plan):
+                self.bench.guide.skip()
             else:
                 yield wanted
 
-    def instead(self, held: Held, bad: BadPressError) -> Wanted | None:
-        """Return the same press."""
-        return held.wanted
 
-
-def run(bench: Bench, session: Session, order: Order) -> None:
-    """Take all presses of an order, and store them in the session.
+def run(order: Order) -> None:
+    """Take all presses of an order, and store them.
 
     CalibrationError if a press is invalid at every attempt, or the order has nothing to ask for.
     """
+    bench = order.bench
     for wanted in order:
         read = None
         while read is None:  # a person may want to repeat the press
-            held = bench.take(wanted, session, order.instead)
-            bench.release()
+            held = bench.take(wanted, order.session, order.instead, order.given_up)
+            bench.lift(held.wanted)
             wanted = held.wanted
             read = bench.presser.read_off(wanted, bench.length_um)
-        traced = {}
-        if read.kind == "hand" and read.force_mN:  # the silicone is fitted to these
-            traced = {"trace": tuple(held.trace), "holds": tuple(held.holds)}
-        store(bench, session, read, held.reading, length_um=bench.length_um, **traced)
+        order.store(held, read)
 
 
 def store(bench: Bench, session: Session, wanted: Wanted, reading: Reading, **measured) -> None:

@@ -26,7 +26,8 @@ from ..fit.cross_lines import CrossLines
 from ..fit.drift import described
 from ..fit.points import Wanted
 from . import baseline
-from .bench import Bench
+from .bench import Bench, Held
+from .order import Order, run
 from .spectra import DARK_S
 
 _STRAY_UM = 1500.0  # largest distance from the other presses at a mark; a person achieves 300 um
@@ -83,7 +84,9 @@ def rezero(
             def shift(counts, x_um=x_um, firm=firm) -> np.ndarray:
                 return np.log2(counts) - cross.logs(x_um, counts / longer) - firm
 
-            shifts.append(_shift(bench, wanted, shift, known, max(marks, 3), presses))
+            mark = _Mark(bench, wanted, shift, known, max(marks, 3), presses)
+            run(mark)
+            shifts.append(mark.shifts.mean(axis=0))
     shifts = np.array(shifts)
     if force_mN is None:  # the mean shift of all channels is due to another force
         shifts -= shifts.mean(axis=1, keepdims=True)
@@ -235,38 +238,48 @@ def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     return shifts + (straight_um - off_um)[:, None] * slopes
 
 
-def _shift(
-    bench: Bench, wanted: Wanted, shift, marks: file.Marks, count: int, presses: int
-) -> np.ndarray:
-    """Ask for presses at a mark until `presses` of them agree; return their mean shift, shape (6,).
+class _Mark(Order):
+    """Presses at a mark until `presses` of them agree; `shifts` are theirs, shape (presses, 6).
 
-    The shift is a change of log2 of the counts. `wanted` is the press to ask for, and `shift` is a
+    A shift is a change of log2 of the counts. `wanted` is the press to ask for, and `shift` is a
     function that returns the shift for its counts. `marks` are all marks of the calibration, of
     which `count` are pressed; a press nearer to another one of these is repeated.
     """
-    logs, length_um = np.array(marks.logs), marks.place_um[-1] - marks.place_um[0]
-    limit_um = _STRAY_SHARE * length_um / (count - 1)
-    colour_per_um = (logs[-1] - logs[0]) / length_um
-    colour_per_um -= colour_per_um.mean()
-    found = np.empty((0, logs.shape[1]))
-    for _ in range(presses + _STRAYS):
-        reading = bench.take(wanted, given_up="nothing was saved").reading
-        if wanted.angle_deg is None:
-            bench.release()
-        bench.guide.taken(wanted, reading)
-        found = np.vstack([found, shift(reading.counts)])
-        off_um = found @ colour_per_um / (colour_per_um @ colour_per_um)
-        good = np.abs(off_um) <= limit_um
-        if len(found) == presses:
-            good &= np.abs(off_um - np.median(off_um)) <= _STRAY_UM
-        if not good.all():
-            bench.guide.say(f"{wanted}: a press is too far from its mark; press this mark again")
-            bench.guide.skip(-int((~good).sum()))
-            found = found[good]
-        if len(found) == presses:
-            return found.mean(axis=0)
-    raise CalibrationError(
-        f"the presses at the mark at {wanted.place_um / 1000:.1f} mm are more than "
-        f"{_STRAY_UM / 1000:g} mm apart, or too far from the mark: draw the mark on the strip and "
-        "start the re-zero again; nothing was saved"
-    )
+
+    given_up = "nothing was saved"
+
+    def __init__(self, bench: Bench, wanted: Wanted, shift, marks: file.Marks, count, presses):
+        super().__init__(bench, None)
+        logs, length_um = np.array(marks.logs), marks.place_um[-1] - marks.place_um[0]
+        self._limit_um = _STRAY_SHARE * length_um / (count - 1)
+        colour_per_um = (logs[-1] - logs[0]) / length_um
+        self._colour_per_um = colour_per_um - colour_per_um.mean()
+        self._wanted, self._shift, self._presses = wanted, shift, presses
+        self.shifts = np.empty((0, logs.shape[1]))
+
+    def __iter__(self) -> Iterator[Wanted]:
+        guide, colour_per_um = self.bench.guide, self._colour_per_um
+        for _ in range(self._presses + _STRAYS):
+            yield self._wanted
+            off_um = self.shifts @ colour_per_um / (colour_per_um @ colour_per_um)
+            good = np.abs(off_um) <= self._limit_um
+            if len(good) == self._presses:
+                good &= np.abs(off_um - np.median(off_um)) <= _STRAY_UM
+            if not good.all():
+                guide.say(
+                    f"{self._wanted}: a press is too far from its mark; press this mark again"
+                )
+                guide.skip(-int((~good).sum()))
+                self.shifts = self.shifts[good]
+            if len(self.shifts) == self._presses:
+                return
+        raise CalibrationError(
+            f"the presses at the mark at {self._wanted.place_um / 1000:.1f} mm are more than "
+            f"{_STRAY_UM / 1000:g} mm apart, or too far from the mark: draw the mark on the strip "
+            "and start the re-zero again; nothing was saved"
+        )
+
+    def store(self, held: Held, read: Wanted) -> None:
+        """Keep the shift of a press."""
+        self.bench.guide.taken(read, held.reading)
+        self.shifts = np.vstack([self.shifts, self._shift(held.reading.counts)])

@@ -96,7 +96,7 @@ def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, 
         if kind == "fine" and session.points and presser_of(session) == file.FINGER:
             bench.guide.say("this session began with a finger: press with the same finger")
         bench.untouched(DARK_S)
-        run(bench, session, NextBest(bench, session, count, COUNTS[kind][1], kind == "rough"))
+        run(NextBest(bench, session, count, COUNTS[kind][1], kind == "rough"))
         return _finish(bench, session)
     if missing := missing_step(session):
         return bench.guide.say(f"next: {missing}")
@@ -131,7 +131,7 @@ def _places(bench: Bench, session: Session, kind: str, count: int, strain_ppm: i
         for place_um in along(length_um, count)
     ]
     bench.begin(title, count, length_um)
-    run(bench, session, Planned(bench, session, row))
+    run(Planned(bench, session, row))
 
 
 def _forces(bench: Bench, session: Session, count: int) -> None:
@@ -154,7 +154,7 @@ def _forces(bench: Bench, session: Session, count: int) -> None:
         for force_mN in (dark_mN + steps_mN).round(1).tolist()
     ]
     bench.begin("forces", len(row))
-    run(bench, session, Planned(bench, session, row))
+    run(Planned(bench, session, row))
 
 
 def _marks(bench: Bench, session: Session) -> None:
@@ -163,7 +163,7 @@ def _marks(bench: Bench, session: Session) -> None:
     places_um = [round(share * bench.length_um, -2) for share in ALL_MARKS]
     row = [Wanted(kind="mark", place_um=x, force_mN=FIRM_MN) for x in places_um]
     bench.begin("marks for a re-zero", len(row))
-    run(bench, session, Planned(bench, session, row))
+    run(Planned(bench, session, row))
 
 
 def _finish(bench: Bench, session: Session) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import msgspec
 import numpy as np
 
@@ -11,10 +13,47 @@ from ...errors import SettingError
 from .. import calibration_file as file
 from .. import pressers
 from ..fit.points import Wanted
-from .bench import Bench
+from .bench import Bench, Held
 from .joint import fit_joint, joint_marks
-from .order import store
+from .order import Order, run, store
 from .session_file import Session
+
+
+class _Angles(Order):
+    """A number of angles upwards, then as many downwards; the indenter always presses the strip."""
+
+    def __init__(self, bench: Bench, session: Session, count: int):
+        super().__init__(bench, session)
+        self._count = count
+
+    def __iter__(self) -> Iterator[Wanted]:
+        bench, session = self.bench, self.session
+        upwards = np.linspace(0, 1, self._count).tolist()
+        for direction, shares in ((1, upwards), (-1, upwards[::-1])):
+            known = len([p for p in session.of("joint") if p.direction == direction])
+            bench.guide.skip(min(known, self._count))
+            for share in shares[known:]:
+                wanted = bench.presser.turn(direction, share)
+                # Two points with the same angle and direction cannot be fitted.
+                taken = [(p.angle_deg, p.direction) for p in session.of("joint")]
+                if (wanted.angle_deg, wanted.direction) in taken:
+                    bench.guide.skip()
+                    bench.guide.say(f"{wanted} was measured already: turn the joint further")
+                else:
+                    yield wanted
+
+    def store(self, held: Held, read: Wanted) -> None:
+        """Store an angle with the position that the board computes."""
+        bench = self.bench
+        position = bench.reader.positions_um(bench.window, bench.presser.patience_s)
+        store(
+            bench,
+            self.session,
+            read,
+            held.reading,
+            position_um=round(float(position.mean()), 2),
+            position_sigma_um=round(float(position.std(ddof=1)), 2),
+        )
 
 
 def turn_joint(bench: Bench, session: Session, count: int) -> None:
@@ -35,12 +74,7 @@ def turn_joint(bench: Bench, session: Session, count: int) -> None:
     bench.with_joint(calibration.lines)
     board.command("stream touch spectrum")
     bench.begin("joint", 2 * count)
-    upwards = np.linspace(0, 1, count).tolist()
-    for direction, shares in ((1, upwards), (-1, upwards[::-1])):
-        known = len([p for p in session.of("joint") if p.direction == direction])
-        guide.skip(min(known, count))
-        for share in shares[known:]:
-            _turn(bench, session, bench.presser.turn(direction, share))
+    run(_Angles(bench, session, count))
     turned = session.of("joint")
     joint = fit_joint(turned)
     marks = joint_marks(turned)
@@ -49,23 +83,4 @@ def turn_joint(bench: Bench, session: Session, count: int) -> None:
     guide.say(
         f"joint: R2 {joint.r2:.5f}, resolution {joint.resolution_deg:.3f} deg, accuracy "
         f"{joint.accuracy_deg:.3f} deg, backlash {joint.backlash_deg:.3f} deg, in {bench.path}"
-    )
-
-
-def _turn(bench: Bench, session: Session, wanted: Wanted) -> None:
-    # Two points with the same angle and direction cannot be fitted.
-    taken = [(p.angle_deg, p.direction) for p in session.of("joint")]
-    if (wanted.angle_deg, wanted.direction) in taken:
-        bench.guide.skip()
-        bench.guide.say(f"{wanted} was measured already: turn the joint further")
-        return
-    reading = bench.take(wanted, session).reading
-    position = bench.reader.positions_um(bench.window, bench.presser.patience_s)
-    store(
-        bench,
-        session,
-        wanted,
-        reading,
-        position_um=round(float(position.mean()), 2),
-        position_sigma_um=round(float(position.std(ddof=1)), 2),
     )
