@@ -39,6 +39,7 @@ class Fifo:
 
     def start(self):
         self.fifo = self._odd_level = 0
+        self._sure = False  # whether the last transfer of a level read the oldest sample, too
         self._trials = _TRIALS
         return self._try
 
@@ -65,7 +66,8 @@ class Fifo:
         and the sample counts as missed.
         """
         sensor = self._sensor
-        sure = sensor.pacing.sure_polls > 0 or not self.fifo
+        sure = not self.fifo or sensor.ticks_diff(sensor.asked, sensor.pacing.sure) >= 0
+        self._sure = sure
         sensor.burst[c.LEVEL] = c.UNREAD
         sensor.bus.read_into(ADDRESS, c.FIFO_LVL, self._levelled if sure else self._level)
         level = sensor.burst[c.LEVEL]
@@ -79,10 +81,10 @@ class Fifo:
             self._clear()
             level = odd = 0
         level //= c.ENTRIES
-        if not level:
-            # The FIFO does not contain ASTATUS. A poll that is early has time to read it.
+        if not sure:
+            # The FIFO does not contain ASTATUS. It is read often enough here, every 0.1 s.
             sensor.burst[c.ASTATUS_AT] = sensor.read_byte(c.ASTATUS)
-        elif level > sure:
+        if level > sure:
             self._odd_level = _BROKEN  # unless the transfer succeeds
             sensor.burst[_HIGH] = c.UNREAD
             level -= sure  # an expression in the call would need a larger call frame, see strip.py
@@ -125,6 +127,7 @@ class Fifo:
         return burst[c.LEVEL]
 
     def _clear(self):
+        self._sure = False
         sensor = self._sensor
         sensor.write(c.CONTROL, c.FIFO_CLR)
         sensor.complete = sensor.asked = sensor.ticks_us()
@@ -134,5 +137,5 @@ class Fifo:
             self._trials = _TRIALS
 
     def fail(self):
-        if self._sensor.pacing.sure_polls > 0 or not self.fifo:
+        if self._sure or not self.fifo:
             self._odd_level = _BROKEN  # the transfer may have read a part of a sample
