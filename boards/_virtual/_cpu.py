@@ -65,7 +65,7 @@ def slow_down(package, times_us, spend_us):
         room, module, *inner, function = name.split(".")
         try:
             holder = __import__(package + "." + room + "." + module, None, None, ("*",))
-        except ImportError:  # a board with one strip has no module `turns`
+        except ImportError:  # a board with one strip has no module `aligned`
             continue
         for attribute in inner:
             holder = getattr(holder, attribute)

@@ -166,8 +166,8 @@ def test_the_samples_of_a_board_that_misses_most_are_whole_and_their_times_right
     assert any(frame.flags & DROPPED for frame in frames)
     ends = [ends_us[number] for number in numbers(frames)]
     late_us = [frame.t_us + EXPOSURE_US / 2 - end_us for frame, end_us in zip(frames, ends)]
-    # The newest sample ended in the last period, the oldest one 20 periods of 1 % error before.
-    assert np.abs(late_us).max() < 0.7 * EXPOSURE_US
+    assert min(late_us) > -0.1 * EXPOSURE_US
+    assert max(late_us) < 1.2 * EXPOSURE_US
 
 
 class FullBus:
@@ -239,7 +239,7 @@ def test_a_transfer_that_fails_in_the_middle_costs_samples_that_are_counted(stal
     frames = made.run(0.2)
     for _ in range(10):
         cut.left = 1
-        frames += made.run(0.3)
+        frames += made.run(0.1)
     assert not cut.left
     gaps = [(b - a) % AROUND for a, b in itertools.pairwise(numbers(frames))]
     state = made.get()
@@ -319,9 +319,9 @@ class DeafBus:
 @pytest.mark.parametrize(("size", "lost"), [(1, 0), (13, 5)])
 def test_a_failed_transfer_costs_at_most_the_sample_that_it_read(stalled, size, lost):
     made = stalled()
-    frames = made.run(1.0)
+    made.run(1.0)
     made.link.bus = bus = DeafBus(made.link, size, 5)
-    frames += made.run(1.0)
+    frames = made.run(1.0)
     reply = made.get()
     assert not bus.fails
     assert reply["retries"] == 5

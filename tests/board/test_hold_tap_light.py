@@ -22,7 +22,7 @@ from spots_sim.strip.scenario import Scenario
 pytestmark = pytest.mark.board
 
 START_S = 3.0
-BETWEEN_S = 0.95  # from the end of a case, when all is released, to the start of the next one
+BETWEEN_S = 0.9  # from the end of a case, when all is released, to the start of the next one
 RAMP_S = 0.02
 FORCE_MN = 1500
 LONGEST_MS = 2000  # longer cases would take minutes

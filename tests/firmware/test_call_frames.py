@@ -26,7 +26,7 @@ _BYTECODE = 0  # kind of code in an .mpy file
 # and those of the keys.
 EACH_SAMPLE = {
     "board/app": "_pass _sample _pump",
-    "board/turns": "next _left_us",
+    "board/aligned": "next _left_us lead_us early held skip",
     "sensor/as7341": "poll",
     "sensor/fifo": "read",
     "sensor/registers": "read fetch stamp",
@@ -56,8 +56,7 @@ EACH_SAMPLE = {
     "_jump _follow_drift",
     "reading/sticking": "unstick _fade _set_floor _forget _peak _measure _net _correct",
     "sensor/burst": "unpack",
-    "sensor/pacing": "early found held skip _oldest _place _advance _aim _ends_after _lock _bound "
-    "_widen _limit _correct",
+    "sensor/pacing": "early found held skip",
     "runtime/micropython": "write _has_room _put read",
     "reading/strip": "take _sample_flags _use_reading _finish _follow_baseline",
     "reading/ambient": "follow _is_shifted _slope _is_ambient _left _net _move _expect",

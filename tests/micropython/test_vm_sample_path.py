@@ -45,7 +45,6 @@ UNEVEN = [65_535, 1] * 3
 
 UNCALIBRATED, REAL, LEAST, LARGEST, SOFT = range(5)
 DARK_WINDOW_MS = 150  # longer than a dark window, at 10 ms a sample
-ASAT_MS = 120  # without jitter, the firmware reads the chip's flag at least so often
 ALIEN_MS = 160  # light that no presses cause requests a dark window
 DARK_FRAME_MS = 750  # longer than a dark frame of 16 windows
 
@@ -82,7 +81,7 @@ SCENES = {
     "less than a tenth of its light": scene(TOO_DARK, FAINT),
     "a finger, averaged": scene(TOUCHING, NEAR, average=64, lasts_ms=1500),
     "two fingers": scene(TOUCHING | MISFIT, TWO_FINGERS),
-    "analog saturation": scene(TOUCHING | SATURATED, NEAR, saturated=True, lasts_ms=ASAT_MS),
+    "analog saturation": scene(TOUCHING | SATURATED, NEAR, saturated=True),
     "as much light as fits": scene(TOUCHING | SATURATED | MISFIT, FULL, lasts_ms=ALIEN_MS),
     "nobody": scene(TOO_DARK, DARK),
     "less light than in the dark": scene(TOO_DARK, NONE),

@@ -128,7 +128,7 @@ class Board:
         self.sensors = len(several or (config,))
         self._turns = None  # on a board with one strip, it is always this strip's turn
         if several:
-            from .turns import Turns, open_strips
+            from .aligned import Turns, open_strips
 
             self.strips = open_strips(self, several, open_sensor)
             self._turns = Turns(self.strips, clock)

@@ -39,7 +39,6 @@ class Fifo:
 
     def start(self):
         self.fifo = self._odd_level = 0
-        self._sure = False  # whether the last transfer of a level read the oldest sample, too
         self._trials = _TRIALS
         return self._try
 
@@ -66,8 +65,7 @@ class Fifo:
         and the sample counts as missed.
         """
         sensor = self._sensor
-        sure = not self.fifo or sensor.ticks_diff(sensor.asked, sensor.pacing.sure) >= 0
-        self._sure = sure
+        sure = sensor.pacing.sure_polls > 0 or not self.fifo
         sensor.burst[c.LEVEL] = c.UNREAD
         sensor.bus.read_into(ADDRESS, c.FIFO_LVL, self._levelled if sure else self._level)
         level = sensor.burst[c.LEVEL]
@@ -81,10 +79,10 @@ class Fifo:
             self._clear()
             level = odd = 0
         level //= c.ENTRIES
-        if not sure:
-            # The FIFO does not contain ASTATUS. It is read often enough here, every 0.1 s.
+        if not level:
+            # The FIFO does not contain ASTATUS. A poll that is early has time to read it.
             sensor.burst[c.ASTATUS_AT] = sensor.read_byte(c.ASTATUS)
-        if level > sure:
+        elif level > sure:
             self._odd_level = _BROKEN  # unless the transfer succeeds
             sensor.burst[_HIGH] = c.UNREAD
             level -= sure  # an expression in the call would need a larger call frame, see strip.py
@@ -127,7 +125,6 @@ class Fifo:
         return burst[c.LEVEL]
 
     def _clear(self):
-        self._sure = False
         sensor = self._sensor
         sensor.write(c.CONTROL, c.FIFO_CLR)
         sensor.complete = sensor.asked = sensor.ticks_us()
@@ -137,5 +134,5 @@ class Fifo:
             self._trials = _TRIALS
 
     def fail(self):
-        if self._sure or not self.fifo:
+        if self._sensor.pacing.sure_polls > 0 or not self.fifo:
             self._odd_level = _BROKEN  # the transfer may have read a part of a sample

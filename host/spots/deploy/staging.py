@@ -37,7 +37,7 @@ LIBRARIES = {
 
 # Modules for several strips, and modules for strips behind a multiplexer of the I2C bus. They are
 # copied only to boards that use them.
-_SEVERAL, _MULTIPLEXER = ("turns.py",), "multiplexer*.py"
+_SEVERAL, _MULTIPLEXER = ("aligned.py",), "multiplexer*.py"
 STRIPS_MAX = 4
 
 # A module with this suffix contains the same functions as the module without the suffix, but

@@ -52,7 +52,6 @@ class PipedBoard:
         self._rate = faults.rate if faults else 1.0
         self.second, self._bluetooth = second, bluetooth
         self.busy_us = busy_us
-        self._left_us = 0.0  # processor time of a sample that was read, but is not processed yet
         self.free_bytes: int | None = None
         board_in, self._to_board = os.pipe()
         self._from_board, board_out = os.pipe()
@@ -105,14 +104,14 @@ class PipedBoard:
         """Answer the firmware's pending request, and run the firmware until its next request."""
         off_us = self._faults.step(self.bus) if self._faults else None
         if off_us is None:
-            after_us = self._left_us
+            after_us = 0.0
             if self.busy_us and any(passes := server.passes(self._pending)):
                 busy_us = self.busy_us
                 lasted_us = busy_us(self.free_bytes) if callable(busy_us) else busy_us
                 self.bus.clock.spend_us(passes[0] * lasted_us)
-                after_us += passes[1] * lasted_us
+                after_us = passes[1] * lasted_us
             answers = self._machine.answers
-            self._left_us = server.answer(
+            server.answer(
                 self._pending,
                 self.bus,
                 self._usb,

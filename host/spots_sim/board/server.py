@@ -19,12 +19,10 @@ from .protocol import protocol
 from .usb import UsbHost
 
 _LEVEL, _FDATA = 0xFD, 0xFE  # registers of the chip's FIFO
-_ASTATUS = 0x94
 _PERIOD_US = protocol.PERIOD_US
 _SENDS = frozenset(protocol.SENDS)
 _ANSWER = struct.Struct("<iI")  # errno, clock
 _SAMPLE_BYTES = 12
-_ENTRIES = 6  # of the FIFO, for a sample
 REPORTS = frozenset((protocol.MEMORY, protocol.BUSY))  # requests without an answer
 _ON_A_BUS = frozenset(
     (protocol.READ, protocol.WRITE, protocol.RECEIVE, protocol.LINES, protocol.LIGHT, protocol.HEAT)
@@ -51,16 +49,14 @@ def passes(request: bytes) -> tuple[int, int]:
 
     The simulator adds the processor time of these passes to its clock.
 
-    - Read of the level of the sensor's FIFO: 0 before, 1 after; but see `answer`.
-    - Read of samples from the FIFO: 0 before; after it, 1 for each sample.
-    - Read of any other registers, except of ASTATUS alone: 1 before, 0 after.
+    - Read of any registers except those of the FIFO: 1 before, 0 after.
+    - Read of the sensor's FIFO: 0 before; after it, one pass for each sample that the read returns.
+      Of a read that begins with the FIFO's level, this is no sample or one.
     - Every other request: 0 and 0.
     """
     if request[0] != protocol.READ:
         return 0, 0
-    if request[2] == _FDATA:
-        return 0, request[3] // _SAMPLE_BYTES
-    return {_LEVEL: (0, 1), _ASTATUS: (0, 0)}.get(request[2], (1, 0))
+    return (0, request[3] // _SAMPLE_BYTES) if request[2] in (_LEVEL, _FDATA) else (1, 0)
 
 
 def reported_free_bytes(request: bytes) -> int | None:
@@ -103,18 +99,15 @@ def answer(
     second: I2CBus | None = None,
     after_us: float = 0.0,
     bluetooth: Bluetooth | None = None,
-) -> float:
-    """Execute a request of a board and write its answer to `fd`; return a part of `after_us`.
-
-    This part is for a later request: if the FIFO has more samples than a read of its level returns,
-    the firmware reads the others before it processes this one.
+) -> None:
+    """Execute a request of a board and write its answer to `fd`.
 
     `rate` is the number of seconds that the board's clock counts in one true second. `after_us` is
     the processor time after a transfer that reads registers. `second` is the bus of a second strip,
     and `bluetooth` the radio. PortError if the pipe is full, because the board does not read its
     answers.
     """
-    data, error, left_us = b"", 0, 0.0
+    data, error = b"", 0
     operation, a, b, c = request[:4]
     if second is not None:
         selected = c if operation == protocol.SPEED else a if operation in _ON_A_BUS else 0
@@ -124,8 +117,6 @@ def answer(
         match operation:
             case protocol.READ:
                 data = bus.write_read(a, request[2:3], c)
-                if request[2] == _LEVEL and data[0] // _ENTRIES > (c > 1):
-                    left_us, after_us = after_us if c > 1 else 0.0, 0.0
                 bus.clock.spend_us(after_us)
             case protocol.SLEEP:
                 bus.clock.pause_us(_number(request) / rate)
@@ -165,4 +156,3 @@ def answer(
         raise PortError(
             "the virtual board reads no answers to its requests: close it and open it again"
         ) from None
-    return left_us

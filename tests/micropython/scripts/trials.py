@@ -322,7 +322,7 @@ def pacing(cases, results):
                 if complete is not None:
                     results[at] = complete
             results[at + 1] = _pacing.due
-            results[at + 2] = _pacing.slack_us
+            results[at + 2] = _pacing.period_us
             results[at + 3] = _pacing.missed
             at += 4
 

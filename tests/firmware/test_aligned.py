@@ -12,8 +12,7 @@ from types import SimpleNamespace
 import pytest
 from support.smallint import WRAP, SmallClock, SmallInt
 
-from spots_device.board.turns import Turns
-from spots_device.sensor.pacing import Pacing
+from spots_device.board.aligned import AlignedPacing, Turns
 
 LATCH_US = 75  # START, two addresses and a register number at 400 kHz
 LEVEL_US = 147  # transfer of one byte: level of the FIFO, or ASTATUS
@@ -28,10 +27,10 @@ SETTLED_US = 1_000_000
 
 
 class Strip:
-    """A chip that samples periodically, with a drift in ppm/s, and the board's `Pacing`."""
+    """A chip that samples periodically, with a drift in ppm/s, and the board's `AlignedPacing`."""
 
     def __init__(self, now, nominal_us, percent, first_us, ppm_per_s=0):
-        self.pacing = Pacing(SmallClock)
+        self.pacing = AlignedPacing(SmallClock)
         self.reconnect = SimpleNamespace(lost=False)
         self.pacing.start(SmallInt(int(now) % WRAP), nominal_us)
         self.period_us = nominal_us * (1 + percent / 100)
@@ -66,22 +65,22 @@ class Loop:
 
     def poll(self, strip):
         if not strip.read:
-            strip.asked = SmallInt(int(self.now) % WRAP)
+            self.asked = SmallInt(int(self.now) % WRAP)
             strip.sample(self.now + LATCH_US)
             self.now += LEVEL_US
-            strip.known = SmallInt(int(self.now) % WRAP)
+            self.known = SmallInt(int(self.now) % WRAP)
             waits = len(strip.waiting)
             if not waits or waits > FULL:
                 self.now += LEVEL_US
                 strip.waiting = []
                 strip.lost += waits
                 strip.early += not waits
-                (strip.pacing.overrun if waits else strip.pacing.early)(strip.asked)
+                (strip.pacing.overrun if waits else strip.pacing.early)(self.asked)
                 return
             self.now += READ_US + SAMPLE_US * waits
             strip.read, strip.waiting = strip.waiting, []
         waits = len(strip.read)
-        end = strip.pacing.held(strip.asked, strip.known, SmallInt(waits))
+        end = strip.pacing.held(self.asked, self.known, SmallInt(waits))
         true = strip.read.pop(0)
         error_us = int(SmallClock.ticks_diff(end, int(true) % WRAP)) - true % 1
         strip.errors.append((self.now, error_us))
@@ -187,7 +186,7 @@ def test_the_period_is_measured_for_the_mains_frequency(percent):
 
 
 def test_without_a_fifo_the_times_are_known_as_well():
-    pacing = Pacing(SmallClock)
+    pacing = AlignedPacing(SmallClock)
     now, true_us, taken, errors = 10_000, 10_100, 0, []
     first = now + 15_000
     pacing.start(SmallInt(now), 10_000)
