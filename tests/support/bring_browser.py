@@ -75,7 +75,11 @@ def main() -> None:
     with sync_playwright() as playwright:
         if _find(playwright)[0] is None:
             print("Installing a Chromium for the tests (once) ...", flush=True)
-            _install()
+            try:
+                _install()
+            except subprocess.CalledProcessError as error:
+                command = " ".join(map(str, error.cmd))
+                sys.exit(f"the browser could not be installed: '{command}' failed, see above")
         print(f"Browser of the tests: {launch_options(playwright)['executable_path']}")
 
 
