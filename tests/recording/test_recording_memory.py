@@ -15,7 +15,8 @@ pytestmark = pytest.mark.board
 
 SHORT, TIMES = 3000, 3
 PAIRS = 3  # pairs of a reading and a spectrum between two texts
-GROWS_AT_MOST_KIB = 2 * 1024
+# Measured: 1,500 to 2,200 KiB, by what the allocator keeps; a list of all rows of CSV takes 17,800.
+GROWS_AT_MOST_KIB = 4 * 1024
 SUMMARY_GROWS_AT_MOST_KIB = 1000  # the long recording has 1350 KiB more
 # An array is freed to the system at once. Otherwise, where freed arrays were decides how much more
 # memory later ones take: a growth of 480 KiB was found to be from 470 to 1,076 KiB.
