@@ -101,9 +101,6 @@ class Bench:
         The fingers on a second strip; without it, the board has one strip.
     practice : str, optional
         Name of the sensor file of practice sessions.
-    exposure_us : int
-        Exposure of a sample. A page that shows a third of the samples of 10 ms needs half the
-        processor time, browser included.
 
     Attributes
     ----------
@@ -124,9 +121,8 @@ class Bench:
         settings=None,
         second=None,
         practice=None,
-        exposure_us=30_000,
     ):
-        self._speed, self._exposure_us = speed, exposure_us
+        self._speed = speed
         self._sensor, self._calibration, self._scenario = sensor, calibration, scenario
         self._second = second and (second, 2)
         self.state = PageState()
@@ -157,7 +153,6 @@ class Bench:
         self.wires = link
         link = Cable(link, math.inf)  # without waits until the board is prepared
         board = Board(link)
-        board.command(f"set exposure_us={self._exposure_us}")
         if self._calibration:
             for i in board.sensors:
                 prepare(board, strip_lines(self._calibration, i), i)

@@ -157,10 +157,8 @@ class Outputs:
             # Not the property `two`: a call takes longer than a look-up.
             if flags & decode.TOUCHING and self._tracker.state[STATE] == TWO:
                 self.two = True
-                # A spectrum that fits one press gets both bits, see decode.FITS_WITH_DRIFT.
-                state[decode.FLAGS] = flags | (
-                    decode.MISFIT if flags & decode.MISFIT else decode.FITS_WITH_DRIFT
-                )
+                if not flags & decode.MISFIT:
+                    state[decode.FLAGS] = flags | decode.FITS_WITH_DRIFT
         if self._gamepad_on and not self.two:
             self._axes.take(state[decode.FLAGS], state[decode.POSITION_UM], state[decode.FORCE_MN])
 

@@ -59,7 +59,7 @@ def put_touch(state, head, payload):
     _put_estimates(state, payload)
 
 
-def _put_estimates(state, payload):
+def _put_estimates(state, payload):  # one call with all values would need the heap
     pack_into(
         _ESTIMATES,
         payload,

@@ -22,9 +22,8 @@ from ..link.frames import Spectrum
 
 _FLOOR_SAMPLES = 64  # of `Spectrum.taken_off_q6`
 _Q12_SHIFT = 6  # from 1/64 count to Q12
-_KNOWN = (
-    decode.SATURATED | decode.DARK_SUBTRACTED | decode.LED_OFF
-)  # flags that belong to the counts
+# Flags that belong to the counts.
+_KNOWN = decode.SATURATED | decode.DARK_SUBTRACTED | decode.LED_OFF
 _TICK_SHIFT = 10  # from us to ticks of 1.024 ms
 _NO_TABLES = array("i", bytes(4))
 
@@ -162,10 +161,9 @@ class ReplayedStrip:
         if silicone is not None:
             silicone.take(state, spectrum.t_us >> _TICK_SHIFT)
         flags = state[decode.FLAGS]
-        if spectrum.context & frame.TWO and flags & decode.TOUCHING:
-            state[decode.FLAGS] = flags | (
-                decode.MISFIT if flags & decode.MISFIT else decode.MISFIT | decode.TOO_DARK
-            )
+        # As `outputs.Outputs.take`.
+        if spectrum.context & frame.TWO and flags & decode.TOUCHING and not flags & decode.MISFIT:
+            state[decode.FLAGS] = flags | decode.FITS_WITH_DRIFT
         return False
 
 
