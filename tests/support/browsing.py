@@ -49,6 +49,16 @@ window.WebSocket = class extends WebSocket {
 """
 
 
+def click_opener(page, opener):
+    """Click the button that opens an editor, on a page with all of them.
+
+    The page shows these buttons one by one, and each moves the others: a click meanwhile may begin
+    on one button and end on another, which opens nothing.
+    """
+    page.locator("#edit-gestures").wait_for(timeout=60_000)
+    page.locator(opener).click(timeout=60_000)
+
+
 @pytest.fixture(scope="session")
 def playing():
     """Chromium, which each process of the tests starts one time, and Playwright's event loop."""

@@ -10,6 +10,7 @@ import re
 
 import pytest
 from playwright.sync_api import expect
+from support.browsing import click_opener
 from support.refusals import refusal
 from support.serving import Bench, apart, eventually, post, token_of
 
@@ -137,7 +138,7 @@ def test_a_change_at_the_last_moment_survives(desk, name, monkeypatch):
 def test_the_page_shows_a_change_by_hand_and_undo_brings_the_draft_back(desk, open_page):
     desk.store("controller", SETTINGS)
     page = open_page(desk.server.url)
-    page.locator("#edit-controller").click(timeout=LONG_MS)
+    click_opener(page, "#edit-controller")
     state = page.locator("#controller .state")
     rate = page.get_by_label("States per second, Hz")
     expect(rate).to_have_value("125", timeout=LONG_MS)
@@ -189,7 +190,7 @@ def test_on_a_full_disk_nothing_changes_and_the_reason_is_shown(desk, name, monk
 def test_a_file_that_fails_after_the_board_can_be_stored_again(desk, open_page, monkeypatch):
     assert desk.store("layout", DIGITS.text)[0] == 200
     page = open_page(desk.server.url)
-    page.locator("#edit").click(timeout=LONG_MS)
+    click_opener(page, "#edit")
     page.get_by_label("Name of the layout").fill("Mine")
     page.get_by_label("Name of the layout").press("Enter")
     page.locator("#editor").get_by_role("button", name="Add a zone").click()

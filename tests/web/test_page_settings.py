@@ -10,6 +10,7 @@ import time
 
 import pytest
 from playwright.sync_api import expect
+from support.browsing import click_opener
 from support.fuzzing import fuzz_change_nothing
 from support.serving import Bench, Serving, eventually, post, send_from_other_site, token_of, until
 
@@ -65,7 +66,7 @@ def desk(sensor, calibration, serve, tmp_path):
 
 
 def open_panel(page, name):
-    page.locator(f"#edit-{name}").click(timeout=LONG_MS)
+    click_opener(page, f"#edit-{name}")
     expect(page.locator(f"#{name} .tune").first).to_be_visible(timeout=LONG_MS)
 
 
